@@ -1,0 +1,1 @@
+"""Reading, writing, rendering and collecting demonstrations."""

@@ -1,0 +1,1 @@
+"""Tasks, robots, cameras and simulation."""

@@ -1,0 +1,1 @@
+"""Rollouts, intervals and tables."""

@@ -1,0 +1,1 @@
+"""The object-centric planner: training in torch, inference in Rust."""

@@ -1,0 +1,1 @@
+"""Zero-shot transfer: grasp, then make the object follow the plan."""

@@ -1,0 +1,1 @@
+//! From the object pose that a plan asks for to a normalised OSC_POSE action.

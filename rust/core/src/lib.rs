@@ -1,0 +1,8 @@
+//! The part of ocplanner that runs once per control step or once per transition.
+//!
+//! Every array is row-major. Poses are in robosuite's world frame unless a name says otherwise; lengths are metres,
+//! angles radians.
+
+pub mod delta_pose;
+pub mod error;
+pub mod pose;

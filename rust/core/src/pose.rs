@@ -1,0 +1,1 @@
+//! Rigid-body poses: rotations, 6-D rotations and SE(3).

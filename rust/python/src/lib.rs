@@ -1,0 +1,18 @@
+//! `ocplanner._core`: one binding file per core module, nothing clever.
+
+use pyo3::prelude::*;
+
+mod delta_pose;
+mod errors;
+mod pose;
+
+#[pymodule]
+mod _core {
+    use super::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        pose::register(module)?;
+        delta_pose::register(module)
+    }
+}
