@@ -1,1 +1,36 @@
-"""The command line, one file a verb."""
+"""The command line: ``ocplanner VERB``, one module a verb.
+
+A verb module holds a frozen dataclass whose fields are the flags, with a method ``run()``, bound to the name ``COMMAND``.
+"""
+
+import importlib
+import pkgutil
+import sys
+from typing import Annotated, Any
+
+import tyro
+
+from ocplanner.errors import OcplannerError
+
+
+def _commands() -> dict[str, Any]:
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__))
+    return {name.replace("_", "-"): importlib.import_module(f"{__name__}.{name}").COMMAND for name in names}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one verb; a user's error is one line on stderr and exit status 2."""
+    commands = _commands()
+    union: Any = None
+    for verb, command in commands.items():
+        member = Annotated[command, tyro.conf.subcommand(name=verb)]
+        union = member if union is None else union | member
+    try:
+        tyro.cli(union, prog="ocplanner", args=arguments, config=(tyro.conf.OmitSubcommandPrefixes,)).run()
+    except OcplannerError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; run the same command again to resume\n")
+        return 130
+    return 0
