@@ -1,1 +1,50 @@
-"""Object-centric planning: learn the object's trajectory from one robot, follow it with another."""
+"""Object-centric planning: learn the object's trajectory from one robot, follow it with another.
+
+>>> import ocplanner as ocp
+>>> demos = ocp.Demonstrations("square_ph.hdf5")          # doctest: +SKIP
+>>> planner = ocp.Planner.load("planner.safetensors")     # doctest: +SKIP
+>>> result = ocp.transfer(planner, robot="Sawyer")        # doctest: +SKIP
+"""
+
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+from ocplanner.versions import check_pins
+
+if sys.platform == "linux":
+    os.environ.setdefault("MUJOCO_GL", "egl")  # must be set before mujoco is imported
+
+check_pins()
+
+if TYPE_CHECKING:
+    from ocplanner import transfer
+    from ocplanner.demos.dataset import Demonstration, Demonstrations
+    from ocplanner.envs import make_env
+    from ocplanner.planner.planner import Plan, Planner
+    from ocplanner.pose import Pose
+
+_LAZY = {
+    "Demonstration": "ocplanner.demos.dataset",
+    "Demonstrations": "ocplanner.demos.dataset",
+    "Plan": "ocplanner.planner.planner",
+    "Planner": "ocplanner.planner.planner",
+    "Pose": "ocplanner.pose",
+    "make_env": "ocplanner.envs",
+}
+
+__all__ = ["Demonstration", "Demonstrations", "Plan", "Planner", "Pose", "make_env", "transfer"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the public names on first use: ``import ocplanner`` alone loads neither torch nor robosuite."""
+    if name == "transfer":
+        return importlib.import_module("ocplanner.transfer")
+    if name in _LAZY:
+        return getattr(importlib.import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'ocplanner' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,58 @@
+"""The dependency pins that matter at run time, checked once at import.
+
+robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. A newer version
+of either breaks late and obscurely, so the package refuses to start and says what to install.
+"""
+
+from importlib import metadata
+
+from ocplanner.errors import VersionError
+
+PINS = {
+    "robosuite": ((1, 5, 2), (1, 5, 3), "robosuite==1.5.2"),
+    "mujoco": ((3, 3), (3, 10), "mujoco>=3.3,<3.10"),
+    "numpy": ((1, 26), (2,), "numpy>=1.26,<2"),
+}
+
+REPORTED = ("ocplanner", "robosuite", "mujoco", "numpy", "torch", "gymnasium", "h5py")
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The leading numeric parts of a version: ``"3.10.0rc1"`` -> ``(3, 10, 0)``."""
+    parts: list[int] = []
+    for piece in version.split("."):
+        digits = piece[: len(piece) - len(piece.lstrip("0123456789"))]
+        if not digits:
+            break
+        parts.append(int(digits))
+        if digits != piece:
+            break
+    return tuple(parts)
+
+
+def check_pins() -> None:
+    """Check every pin.
+
+    Raises:
+        VersionError: a pinned package is missing or outside its range; the message holds the ``pip`` line that mends it.
+    """
+    for package, (lowest, above, requirement) in PINS.items():
+        try:
+            found = metadata.version(package)
+        except metadata.PackageNotFoundError as error:
+            raise VersionError(f"{package} is not installed; run: pip install '{requirement}'") from error
+        if not lowest <= _release(found) < above:
+            raise VersionError(
+                f"{package} {found} is installed, but ocplanner needs {requirement}; run: pip install '{requirement}'"
+            )
+
+
+def installed() -> dict[str, str]:
+    """Versions of the packages that results record; a package that is not installed is left out."""
+    versions = {}
+    for package in REPORTED:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
