@@ -1,0 +1,85 @@
+# Everything a person, a hook or CI runs. `make` alone lists the targets.
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+SHELL := bash
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+export PATH := $(CURDIR)/$(BIN):$(HOME)/.cargo/bin:$(PATH)
+export MUJOCO_GL ?= egl
+unexport PYTHONDONTWRITEBYTECODE
+
+# The one list of system packages: software OpenGL for headless rendering, and what OpenCV links against.
+APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
+RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
+WORKERS ?= 2
+
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench clean
+
+help: ## List the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
+
+system-libraries: ## Install the OpenGL libraries if they are missing (needs root)
+	@if ! ldconfig -p | grep -q libEGL.so.1 || ! ldconfig -p | grep -q libGL.so.1 \
+	    || ! ldconfig -p | grep -q libOSMesa.so || ! ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1; then \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(APT_PACKAGES); \
+	  else \
+	    echo "OpenGL libraries are missing. Run: sudo apt-get install $(APT_PACKAGES)" >&2; exit 1; \
+	  fi; \
+	fi
+
+$(VENV)/.dependencies: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python --requirement pyproject.toml --extra dev
+	@touch $@
+
+$(VENV)/.package: $(VENV)/.dependencies $(RUST_SOURCES)
+	$(BIN)/maturin develop --quiet --release --uv --skip-install
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
+	@touch $@
+
+setup: system-libraries $(VENV)/.package ## Create .venv and build and install the package into it
+
+demo: setup ## The whole job on a fresh machine: collect, train, transfer, report
+	$(BIN)/ocplanner demo
+
+test: setup test-rust test-python test-stubs test-notebooks ## Every test
+
+test-rust: ## Rust unit, property and doc tests
+	@if cargo nextest --version >/dev/null 2>&1; then \
+	  cargo nextest run --release --package ocplanner-core; \
+	else \
+	  echo "cargo-nextest is not installed (cargo install cargo-nextest): running cargo test instead"; \
+	  cargo test --release --package ocplanner-core --lib --tests; \
+	fi
+	cargo test --release --doc --package ocplanner-core
+
+test-python: setup ## Python unit, property, golden and end-to-end tests
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+
+test-stubs: setup ## The hand-written _core.pyi against the built module
+	$(BIN)/python -m mypy.stubtest ocplanner._core
+
+test-notebooks: setup ## Run the notebooks on tiny data
+	$(BIN)/pytest --nbmake --nbmake-timeout=600 notebooks
+
+lint: setup ## Formatting, lints and types, without changing anything
+	cargo fmt --check
+	cargo clippy --release --all-targets --quiet -- --deny warnings
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+format: setup ## Format the sources and apply the safe lint fixes
+	cargo fmt
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup ## Measure the core against torch, onnxruntime and OpenVINO; writes results/bench_core.json
+	$(BIN)/python tests/benchmarks/bench_core.py
+
+clean: ## Remove everything that is built
+	rm -rf $(VENV) target dist python/ocplanner/_core*.so
