@@ -37,8 +37,7 @@ $(VENV)/.dependencies: pyproject.toml
 	@touch $@
 
 $(VENV)/.package: $(VENV)/.dependencies $(RUST_SOURCES)
-	$(BIN)/maturin develop --quiet --release --uv --skip-install
-	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
+	$(BIN)/maturin develop --quiet --release --uv
 	@touch $@
 
 setup: system-libraries $(VENV)/.package ## Create .venv and build and install the package into it
