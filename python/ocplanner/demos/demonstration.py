@@ -1,0 +1,219 @@
+"""One demonstration of a robomimic file, read when asked."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ocplanner.demos.hdf5 import HDF5File
+from ocplanner.demos.layouts import TASK_OBJECTS, Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.errors import DatasetError, ObjectLayoutError
+
+
+class Recording(NamedTuple):
+    """What the demonstrations of one file share.
+
+    Attributes:
+        env_name: robosuite's name of the environment.
+        env_version: robosuite's version at recording, or None.
+        action_width: expected length of an action; None when the file does not say.
+        object_layout: the order that the user stated for ``object``, or None.
+    """
+
+    env_name: str
+    env_version: str | None
+    action_width: int | None
+    object_layout: Order | None
+
+
+class Demonstration:
+    """One demonstration; every property reads from the file when asked.
+
+    Attributes:
+        name: such as ``demo_3``.
+    """
+
+    def __init__(self, file: HDF5File, recording: Recording, name: str) -> None:
+        self._file = file
+        self._recording = recording
+        self.name = name
+
+    def __repr__(self) -> str:
+        """Name and file."""
+        return f"Demonstration({self.name!r} of {str(self._file.path)!r})"
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return self.length
+
+    @property
+    def length(self) -> int:
+        """Number of steps T."""
+        return self._file.shape(self._key("actions"))[0]
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """All attributes as stored (``num_samples``, ``model_file``, ...)."""
+        return self._file.attributes(f"data/{self.name}")
+
+    @property
+    def model_file(self) -> str | None:
+        """The recorded MuJoCo XML, where the file embeds it."""
+        return self.attrs.get("model_file")
+
+    @property
+    def states(self) -> np.ndarray:
+        """(T, D) flattened simulator states, each before the action of its row; free joints as xyz and wxyz."""
+        return self._finite("states", dims=2)
+
+    @property
+    def actions(self) -> np.ndarray:
+        """(T, 7) normalised OSC_POSE actions, the gripper's last (-1 opens, 1 closes)."""
+        actions = self._finite("actions", dims=2)
+        width = self._recording.action_width
+        if width is not None and actions.shape[1] != width:
+            raise self._error("actions", f"shape {actions.shape}, expected (steps, {width})", "record it again")
+        return actions
+
+    @property
+    def rewards(self) -> np.ndarray:
+        """(T,) reward of the state after each action."""
+        return self._finite("rewards", dims=1)
+
+    @property
+    def dones(self) -> np.ndarray:
+        """(T,)."""
+        return self._read("dones", dims=1)
+
+    @property
+    def observation_keys(self) -> tuple[str, ...]:
+        """The names under ``obs``; empty when there are none."""
+        return self._file.names(self._key("obs"))
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that it holds images of, as ``obs/<camera>_image``."""
+        return tuple(key.removesuffix("_image") for key in self.observation_keys if key.endswith("_image"))
+
+    def observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """``obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
+
+        Raises:
+            DatasetError: no such observation; the message lists those there are.
+        """
+        if key not in self.observation_keys:
+            known = ", ".join(self.observation_keys) or "none"
+            raise self._error(f"obs/{key}", "no such observation", f"there are: {known}")
+        return self._read(f"obs/{key}", rows=rows)
+
+    def images(self, camera: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """(T, h, w, 3) uint8, upright.
+
+        Raises:
+            DatasetError: no images of this camera; the message says how to render them.
+        """
+        key = f"{camera}_image"
+        if key not in self.observation_keys:
+            cameras = ", ".join(self.cameras) or "none"
+            remedy = f"add them with `ocplanner render` (cameras with images: {cameras})"
+            raise self._error(f"obs/{key}", f"no images of camera {camera!r}", remedy)
+        images = self.observation(key, rows)
+        if images.dtype != np.uint8 or images.ndim != 4 or images.shape[-1] != 3:
+            found = f"{images.dtype} {images.shape}, expected uint8 (steps, height, width, 3)"
+            raise self._error(f"obs/{key}", found, "render the images again with `ocplanner render`")
+        return images
+
+    @property
+    def eef_positions(self) -> np.ndarray:
+        """(T, 3) end-effector (site) positions of the first robot, world, metres."""
+        return self._finite("obs/robot0_eef_pos", dims=2)
+
+    def object_layout(self) -> Order | None:
+        """The detected order of ``object``; None when the file has no such observation.
+
+        Raises:
+            ObjectLayoutError: it cannot be told, or what there is contradicts itself.
+        """
+        keys = self.observation_keys
+        if "object" not in keys:
+            return None
+        has_eef = {"robot0_eef_pos", "robot0_eef_quat"} <= set(keys)
+        try:
+            return detect_order(
+                self._finite("obs/object", dims=2),
+                self._recording.env_name,
+                env_version=self._recording.env_version,
+                eef_pos=self._finite("obs/robot0_eef_pos", dims=2) if has_eef else None,
+                eef_quat_xyzw=self._finite("obs/robot0_eef_quat", dims=2) if has_eef else None,
+                states=self.states if self._file.has(self._key("states")) else None,
+                stated=self._recording.object_layout,
+            )
+        except ObjectLayoutError as error:
+            raise self._located(error) from error
+
+    def object_poses(self, object_name: str) -> tuple[np.ndarray, np.ndarray]:
+        """World positions (T, 3) in metres and rotations (T, 3, 3) of an object, whatever the file's layout.
+
+        Named sensors (``obs/SquareNut_pos``, ``obs/SquareNut_quat``) are used where they exist, else ``obs/object``.
+
+        Raises:
+            ObjectLayoutError: the layout cannot be told or contradicts the states.
+            UnknownNameError: the task has no such object.
+            DatasetError: the file records no object at all.
+        """
+        keys = self.observation_keys
+        if {f"{object_name}_pos", f"{object_name}_quat"} <= set(keys):
+            parts = [self._finite(f"obs/{object_name}_{part}", dims=2) for part in ("pos", "quat")]
+            widths = tuple(part.shape[1] for part in parts)
+            if widths != (3, 4):
+                fault = f"position and quaternion have widths {widths}, expected (3, 4)"
+                raise self._error(f"obs/{object_name}_pos", fault, "record it again")
+            pose = np.concatenate(parts, axis=1)
+        else:
+            order = self.object_layout()
+            if order is None:
+                known = ", ".join(keys) or "none"
+                remedy = f"extract it with robomimic's dataset_states_to_obs.py (observations there are: {known})"
+                raise self._error("obs/object", f"no pose of {object_name} in this file", remedy)
+            pose = split_object(self.observation("object"), self._recording.env_name, object_name, order)
+        try:
+            rotations = rotation_from_quat_xyzw(pose[:, 3:].astype(np.float64))
+        except ObjectLayoutError as error:
+            raise self._located(error) from error
+        return pose[:, :3].astype(np.float64), rotations
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """The objects whose poses the task records; empty for a task that ocplanner does not know."""
+        task = TASK_OBJECTS.get(self._recording.env_name)
+        return () if task is None else task.objects
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Every array of the demonstration, by path (``actions``, ``obs/object``, ...): what a copy needs."""
+        return {path: self._file.read(self._key(path)) for path in self._file.arrays(f"data/{self.name}")}
+
+    def _key(self, key: str) -> str:
+        return f"data/{self.name}/{key}"
+
+    def _read(self, key: str, dims: int | None = None, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        shape = self._file.shape(self._key(key))
+        if dims is not None and len(shape) != dims:
+            raise self._error(key, f"shape {shape}, expected {dims} dimension(s)", "record it again")
+        if shape[0] != self.length:
+            raise self._error(key, f"shape {shape}, but there are {self.length} actions", "record it again")
+        return self._file.read(self._key(key), rows)
+
+    def _finite(self, key: str, dims: int) -> np.ndarray:
+        array = self._read(key, dims)
+        if array.dtype.kind not in "fiub":
+            raise self._error(key, f"dtype {array.dtype}, expected numbers", "record it again")
+        if not np.all(np.isfinite(array)):
+            place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            remedy = "leave the demonstration out of the mask or record it again"
+            raise self._error(key, f"{array[place]} at {list(place)}", remedy)
+        return array
+
+    def _error(self, key: str, fault: str, remedy: str) -> DatasetError:
+        return self._file.error(self._key(key), fault, remedy)
+
+    def _located(self, error: ObjectLayoutError) -> ObjectLayoutError:
+        return ObjectLayoutError(f"{self._file.path}: {self._key('obs')}: {error}")

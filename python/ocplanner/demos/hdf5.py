@@ -1,0 +1,118 @@
+"""One HDF5 file, opened lazily in every process, whose faults all become :class:`DatasetError`."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ocplanner.errors import DatasetError
+
+# What h5py and the decoding of attributes raise on files that are truncated, damaged or of another shape.
+_BROKEN = (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
+_DAMAGED = "the file is truncated, damaged or not robomimic's: download or record it again"
+
+
+class HDF5File:
+    """A read-only file; picklable, and usable after a fork or a spawn.
+
+    Every error names the file, the key inside it, what was found and the remedy.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._handle: tuple[int, h5py.File] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The path, never the open file."""
+        return {"path": self.path, "_handle": None}
+
+    def close(self) -> None:
+        """Close the file; reading afterwards opens it again."""
+        if self._handle is not None and self._handle[0] == os.getpid():
+            self._handle[1].close()
+        self._handle = None
+
+    def error(self, key: str, fault: str, remedy: str) -> DatasetError:
+        """The error about ``key`` in this file."""
+        return DatasetError(f"{self.path}: {key}: {fault}; {remedy}")
+
+    @contextlib.contextmanager
+    def reading(self, key: str) -> Iterator[h5py.File]:
+        """The open file; whatever goes wrong inside the block becomes a :class:`DatasetError` about ``key``."""
+        handle = self._open()
+        try:
+            yield handle
+        except _BROKEN as error:
+            raise self.error(key, f"cannot be read ({_first_line(error)})", _DAMAGED) from error
+
+    def has(self, key: str) -> bool:
+        """Whether anything stands at ``key``."""
+        with self.reading(key) as handle:
+            return key in handle
+
+    def names(self, key: str) -> tuple[str, ...]:
+        """The names in the group at ``key``; empty when there is no such group."""
+        with self.reading(key) as handle:
+            item = handle.get(key)
+            return tuple(item) if isinstance(item, h5py.Group) else ()
+
+    def attributes(self, key: str) -> dict[str, Any]:
+        """The attributes of the item at ``key``, bytes decoded to text."""
+        with self.reading(f"attributes of {key}") as handle:
+            return {name: _text(value) for name, value in handle[key].attrs.items()}
+
+    def shape(self, key: str) -> tuple[int, ...]:
+        """The shape of the array at ``key``."""
+        with self.reading(key) as handle:
+            return self._array(handle, key).shape
+
+    def read(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """The array at ``key``, or some of its rows (an index array must increase)."""
+        with self.reading(key) as handle:
+            return np.asarray(self._array(handle, key)[rows])
+
+    def arrays(self, key: str) -> tuple[str, ...]:
+        """The paths, relative to the group at ``key``, of all arrays below it."""
+        found: list[str] = []
+        with self.reading(key) as handle:
+            group = handle[key]
+            if isinstance(group, h5py.Group):
+                group.visititems(lambda path, item: found.append(path) if isinstance(item, h5py.Dataset) else None)
+        return tuple(found)
+
+    def _array(self, handle: h5py.File, key: str) -> h5py.Dataset:
+        if key not in handle:
+            parent = key.rpartition("/")[0]
+            held = ", ".join(self.names(parent)[:12]) or "nothing"
+            raise self.error(key, "not there", f"{parent} holds: {held}")
+        item = handle[key]
+        if not isinstance(item, h5py.Dataset) or item.ndim == 0:
+            raise self.error(key, "not an array", "this is no robomimic data set")
+        return item
+
+    def _open(self) -> h5py.File:
+        if self._handle is not None and self._handle[0] == os.getpid():
+            return self._handle[1]
+        if not self.path.is_file():
+            raise DatasetError(f"{self.path}: no such file; give the path of a robomimic HDF5 data set")
+        try:
+            handle = h5py.File(self.path, "r")
+        except _BROKEN as error:
+            raise DatasetError(
+                f"{self.path}: not a readable HDF5 file ({_first_line(error)}); it is truncated, damaged, being "
+                "written, or of another kind: download or record it again"
+            ) from error
+        self._handle = (os.getpid(), handle)
+        return handle
+
+
+def _text(value: Any) -> Any:
+    return value.decode() if isinstance(value, bytes) else value
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")

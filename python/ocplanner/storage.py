@@ -1,0 +1,155 @@
+"""Writing files so that a kill, a full disk or a second process never leaves a half-written result."""
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ocplanner.errors import OutputError
+
+_REMEDIES = {
+    errno.ENOSPC: "the disk is full; free some space and run the same command again",
+    errno.EDQUOT: "the disk quota is used up; free some space and run the same command again",
+    errno.EACCES: "no permission to write there; choose another output folder",
+    errno.EPERM: "no permission to write there; choose another output folder",
+    errno.EROFS: "the folder is read-only; choose another output folder",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; choose another output path",
+    errno.EISDIR: "the path is a folder; give the name of a file",
+}
+
+
+def output_error(path: Path, error: BaseException) -> OutputError:
+    """The :class:`OutputError` that says what ``error`` means for ``path`` and what to do about it."""
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number is None and ("No space left" in text or f"errno = {errno.ENOSPC}" in text):
+        number = errno.ENOSPC  # HDF5 reports the system's number in the text only
+    remedy = _REMEDIES.get(number or 0, "check the folder and run the same command again")
+    return OutputError(f"cannot write {path}: {text.splitlines()[0] if text else type(error).__name__}; {remedy}")
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn the operating system's errors inside the block into an :class:`OutputError` about ``path``."""
+    try:
+        yield
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames inside ``folder`` survive a power cut (where the file system lets folders be synced)."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary file name beside ``path``; on success it is synced and renamed to ``path``.
+
+    Until then ``path`` keeps its old content, or stays absent. When the block raises, the temporary file is removed.
+    Temporary files that killed processes of this machine left for the same ``path`` are swept away first.
+
+    Raises:
+        OutputError: the folder cannot be made or written, or the disk is full.
+    """
+    path = Path(path)
+    prefix = f".{path.name}.{socket.gethostname()}-"
+    temporary = path.with_name(f"{prefix}{os.getpid()}.partial")
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep(path.parent, prefix)
+        temporary.touch()
+    try:
+        with writing(path):
+            yield temporary
+            descriptor = os.open(temporary, os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def atomic_json(path: str | Path, value: Any) -> None:
+    """Write ``value`` as indented JSON through :func:`atomic_write`; NaN and infinity are refused (ValueError)."""
+    text = json.dumps(value, indent=2, allow_nan=False) + "\n"
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def locked(path: str | Path) -> Iterator[None]:
+    """Hold the right to write ``path`` (a file or a folder); the lock dies with the process, also by kill -9.
+
+    Raises:
+        OutputError: another process holds it, or the lock file beside ``path`` cannot be made.
+    """
+    path = Path(path)
+    lock = path.with_name(f".{path.name}.lock")
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = _acquire(path, lock)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+
+
+def _acquire(path: Path, lock: Path) -> int:
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
+            os.close(descriptor)
+            raise OutputError(
+                f"another process (pid {owner}) is writing {path}; wait for it or choose another output"
+            ) from None
+        except BaseException:
+            os.close(descriptor)
+            raise
+        # The holder before us may have unlinked the file between our open and our flock: then lock the new one.
+        with contextlib.suppress(FileNotFoundError):
+            if os.stat(lock).st_ino == os.fstat(descriptor).st_ino:
+                os.ftruncate(descriptor, 0)
+                os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+                return descriptor
+        os.close(descriptor)
+
+
+def _sweep(folder: Path, prefix: str) -> None:
+    for stale in folder.glob(f"{_escape(prefix)}*.partial"):
+        pid = stale.name[len(prefix) : -len(".partial")]
+        if pid.isdigit() and not _alive(int(pid)):
+            stale.unlink(missing_ok=True)
+
+
+def _escape(text: str) -> str:
+    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in text)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
