@@ -177,7 +177,8 @@ def detect_order(
 
     block = object_state[:, :14]
     said_by = f"env_version {env_version!r}" if stated is None else "the stated object layout"
-    votes: dict[str, Order | None] = {said_by: order_from_version(env_version) if stated is None else stated}
+    votes: dict[str, Order | None] = {}
+    votes[said_by] = order_from_version(env_version) if stated is None else stated
     if eef_pos is not None and eef_quat_xyzw is not None:
         votes["the relative pose"] = order_from_relative_pose(block, eef_pos, eef_quat_xyzw)
     if states is not None:
@@ -185,7 +186,7 @@ def detect_order(
             ("absolute-first", block[:, :7]),
             ("relative-first", block[:, 7:]),
         )
-        found = [order for order, half in halves if find_in_states(half, states) is not None]
+        found: list[Order] = [order for order, half in halves if find_in_states(half, states) is not None]
         if not found:
             raise ObjectLayoutError(_states_message(task, "either half"))
         votes["states"] = found[0] if len(found) == 1 else None
