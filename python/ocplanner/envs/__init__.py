@@ -1,1 +1,18 @@
-"""Tasks, robots, cameras and simulation."""
+"""Simulated tasks: any robot on any task, its poses, its success and its pictures.
+
+Importing this package is cheap; robosuite and mujoco are imported when the first environment is asked for.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ocplanner.envs.environment import ManipulationEnv, make_env
+
+__all__ = ["ManipulationEnv", "make_env"]
+
+
+def __getattr__(name: str) -> object:
+    if name in __all__:
+        return getattr(importlib.import_module("ocplanner.envs.environment"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

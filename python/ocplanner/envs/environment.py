@@ -1,0 +1,345 @@
+"""One arm on one task."""
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from ocplanner.envs.grippers import Gripper
+from ocplanner.envs.kinematics import ArmJoints, reach, site_pose
+from ocplanner.envs.patches import check_patches
+from ocplanner.envs.rendering import Renderer
+from ocplanner.envs.robots import RobotSpec
+from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.envs.scene import build_robosuite_env
+from ocplanner.envs.simulator import mujoco
+from ocplanner.envs.tasks import Task
+from ocplanner.envs.tasks import task as task_of_name
+from ocplanner.envs.visuals import MASK_RGB, visual_preset
+from ocplanner.errors import ShapeError, UnknownNameError
+from ocplanner.pose import Pose
+
+Observe = Literal["full", "masked", "no-robot"]
+OBSERVE_MODES: tuple[str, ...] = get_args(Observe)
+_RESTARTS = 6
+
+
+def make_env(
+    task: str | Task,
+    robot: str | RobotSpec = "Panda",
+    *,
+    cameras: tuple[str, ...] | None = None,
+    image_size: int = 84,
+    visual: str = "fast",
+    observe: str = "full",
+    patches: tuple[str, ...] | None = None,
+    control: str = "stock",
+    seed: int = 0,
+    horizon: int | None = None,
+) -> "ManipulationEnv":
+    """Put an arm before a task.
+
+    Args:
+        task: a task or its name.
+        robot: an arm or its name.
+        cameras: cameras that :meth:`ManipulationEnv.observe` draws; the task's own if not given.
+        image_size: width and height of those pictures, pixels.
+        visual: visual preset, ``"fast"`` or ``"stock"``.
+        observe: what the pictures show: ``"full"``, ``"masked"`` (the robot painted flat) or ``"no-robot"``.
+        patches: corrections to the model; the arm's own if not given, none for ``()``.
+        control: who runs the control loop; ``"stock"`` is robosuite.
+        seed: seed of the first episode.
+        horizon: control steps of an episode; the task's own if not given.
+
+    Raises:
+        UnknownNameError: a name is not known; the message lists those that are.
+    """
+    return ManipulationEnv(
+        task_of_name(task) if isinstance(task, str) else task,
+        robot_spec(robot) if isinstance(robot, str) else robot,
+        cameras=cameras,
+        image_size=image_size,
+        visual=visual,
+        observe=observe,
+        patches=patches,
+        control=control,
+        seed=seed,
+        horizon=horizon,
+    )
+
+
+class ManipulationEnv:
+    """One arm on one task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
+
+    All poses are in robosuite's world frame, metres; pictures are upright (h, w, 3) uint8. Arguments as for
+    :func:`make_env`. Use it as a context manager, or call :meth:`close`.
+
+    Attributes:
+        task: the task.
+        robot: the arm.
+        cameras: cameras that :meth:`observe` draws.
+        image_size: side of those pictures, pixels.
+        visual: the visual preset.
+        observe_mode: what the pictures show.
+        patches: names of the corrections applied to the model.
+        control: who runs the control loop.
+        horizon: control steps of an episode; reaching it ends nothing by itself.
+        steps: control steps since the last reset.
+    """
+
+    def __init__(  # noqa: D107
+        self,
+        task: Task,
+        robot: RobotSpec,
+        *,
+        cameras: tuple[str, ...] | None = None,
+        image_size: int = 84,
+        visual: str = "fast",
+        observe: str = "full",
+        patches: tuple[str, ...] | None = None,
+        control: str = "stock",
+        seed: int = 0,
+        horizon: int | None = None,
+    ) -> None:
+        if observe not in OBSERVE_MODES:
+            raise UnknownNameError("observation", observe, OBSERVE_MODES)
+        if control != "stock":
+            raise UnknownNameError("control loop", control, ("stock",))
+        self.task = task
+        self.robot = robot
+        self.cameras = task.cameras if cameras is None else tuple(cameras)
+        self.image_size = image_size
+        self.visual = visual_preset(visual)
+        self.observe_mode = observe
+        self.patches = robot.patches if patches is None else tuple(patches)
+        self.control = control
+        self.horizon = task.horizon if horizon is None else horizon
+        self.steps = 0
+        check_patches(self.patches)
+        self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed)
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._find_references()
+        self.reset(seed)
+
+    def _find_references(self) -> None:
+        model, self._robot = self.model, self._env.robots[0]
+        self._objects = {}
+        for spec in self.task.objects:
+            joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, spec.joint)
+            self._objects[spec.name] = (int(model.jnt_bodyid[joint]), int(model.jnt_qposadr[joint]), joint)
+        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or "" for body in range(model.nbody)]
+        of_robot = np.array([name.startswith(("robot0_", "gripper0_")) for name in names])
+        self._robot_geoms = np.flatnonzero(of_robot[model.geom_bodyid] & (model.geom_group == 1))
+        known = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) for camera in range(model.ncam)]
+        self._cameras = {name: camera for camera, name in enumerate(known)}
+        for camera in self.cameras:
+            self._camera(camera)
+        arm = self._robot.arms[0]
+        joints = np.array([model.joint(name).id for name in self._robot.robot_joints])
+        limited = model.jnt_limited[joints].astype(bool)
+        self._arm = ArmJoints(
+            qpos=np.array(self._robot._ref_joint_pos_indexes),
+            dofs=np.array(self._robot._ref_joint_vel_indexes),
+            lower=np.where(limited, model.jnt_range[joints, 0], -2 * np.pi),
+            upper=np.where(limited, model.jnt_range[joints, 1], 2 * np.pi),
+            home=np.array(self._robot.init_qpos, dtype=np.float64),
+            site=int(self._robot.eef_site_id[arm]),
+        )
+        self._base_site = model.site(f"{self._robot.robot_model.naming_prefix}{arm}_center").id
+        self._gripper = Gripper(self._robot, model, self.data)
+
+    @property
+    def sim(self) -> Any:
+        """robosuite's simulation object."""
+        return self._env.sim
+
+    @property
+    def robosuite_env(self) -> Any:
+        """robosuite's environment."""
+        return self._env
+
+    @property
+    def model(self) -> Any:
+        """The compiled ``mujoco.MjModel``."""
+        return self._env.sim.model._model
+
+    @property
+    def data(self) -> Any:
+        """The ``mujoco.MjData``."""
+        return self._env.sim.data._data
+
+    @property
+    def action_dim(self) -> int:
+        """Length of an action: three of position, three of rotation, one of the gripper."""
+        return self._env.action_dim
+
+    def reset(self, seed: int) -> None:
+        """Start an episode; the same seed always gives the same one."""
+        self._env.rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
+        self._env.reset()
+        self.steps = 0
+
+    def step(self, action: np.ndarray) -> None:
+        """Advance one control step (0.05 s).
+
+        Args:
+            action: (7,) in [-1, 1]: position delta (times 0.05 m), rotation vector delta (times 0.5 rad), both in the
+                frame of :attr:`base_rotation`, and the gripper (-1 opens, 1 closes).
+
+        Raises:
+            ShapeError: the action is not (7,).
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (self.action_dim,):
+            raise ShapeError(f"an action of {self.robot.name} has shape ({self.action_dim},), not {action.shape}")
+        self._env.step(action)
+        self.steps += 1
+
+    def object_pose(self, name: str | None = None) -> Pose:
+        """Pose of an object, the task's main one unless named."""
+        body = self._objects[self.task.object(name).name][0]
+        return Pose(self.data.xpos[body].copy(), self.data.xmat[body].reshape(3, 3).copy())
+
+    def eef_pose(self) -> Pose:
+        """Pose of the end-effector site, midway between the finger tips."""
+        return site_pose(self.data, self._arm.site)
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        """(3, 3) rotation, frame of the action's deltas -> world.
+
+        On some arms robosuite hangs that frame on the first moving link, so it turns with the arm: read it each step.
+        """
+        return self.data.site_xmat[self._base_site].reshape(3, 3).copy()
+
+    @property
+    def gripper_opening(self) -> float:
+        """Gap between the finger pads, metres."""
+        return self._gripper.opening
+
+    def success(self) -> bool:
+        """robosuite's own verdict."""
+        return bool(self._env._check_success())
+
+    def in_contact(self, object_name: str | None = None) -> bool:
+        """Whether both sides of the gripper touch an object (privileged: for telling failures apart, not for control)."""
+        body = self._objects[self.task.object(object_name).name][0]
+        return self._gripper.touches(np.flatnonzero(self.model.geom_bodyid == body))
+
+    def observe(self) -> dict[str, np.ndarray]:
+        """Pictures of the chosen cameras in the chosen mode, (h, w, 3) uint8 by camera name."""
+        size = self.image_size
+        return {camera: self.render(camera, size, size, self.observe_mode) for camera in self.cameras}
+
+    def render(self, camera: str, width: int, height: int, observe: str = "full") -> np.ndarray:
+        """One (h, w, 3) uint8 picture of any camera.
+
+        Raises:
+            UnknownNameError: no such camera or observation.
+            RenderingError: no working headless OpenGL.
+        """
+        number, renderer = self._camera(camera), self._renderer(width, height)
+        if observe == "full":
+            return renderer.full(number)
+        if observe == "no-robot":
+            return renderer.without_robot(number)
+        if observe != "masked":
+            raise UnknownNameError("observation", observe, OBSERVE_MODES)
+        if self.visual.local:
+            return renderer.flat_robot(number)
+        mask = renderer.robot_mask(number)
+        return np.where(mask[..., None], np.array(MASK_RGB, dtype=np.uint8), renderer.without_robot(number))
+
+    def robot_mask(self, camera: str, width: int | None = None, height: int | None = None) -> np.ndarray:
+        """(h, w) bool, the pixels in which the robot is seen with nothing standing before it."""
+        renderer = self._renderer(width or self.image_size, height or self.image_size)
+        return renderer.robot_mask(self._camera(camera))
+
+    def project(self, camera: str, points: np.ndarray, width: int, height: int) -> np.ndarray:
+        """Pixels (x right, y down, fractional) at which a camera sees points.
+
+        Args:
+            camera: camera name.
+            points: (N, 3) world frame, metres.
+            width: of the picture, pixels.
+            height: of the picture, pixels.
+
+        Returns:
+            (N, 2) float64; NaN for points behind the camera.
+        """
+        number = self._camera(camera)
+        rotation = self.data.cam_xmat[number].reshape(3, 3)
+        local = (np.asarray(points, dtype=np.float64) - self.data.cam_xpos[number]) @ rotation
+        focal = 0.5 * height / np.tan(np.deg2rad(self.model.cam_fovy[number]) / 2)
+        depth = np.where(local[:, 2] < 0, -local[:, 2], np.nan)
+        return np.stack([width / 2 + focal * local[:, 0] / depth, height / 2 - focal * local[:, 1] / depth], axis=1)
+
+    def set_state(self, state: np.ndarray) -> None:
+        """Set the simulation to a row of a data set's ``states``: time, qpos, qvel of this arm's own model.
+
+        Raises:
+            ShapeError: the row belongs to another arm or task.
+        """
+        state = np.asarray(state, dtype=np.float64)
+        length = 1 + self.model.nq + self.model.nv
+        if state.shape != (length,):
+            raise ShapeError(
+                f"a state of {self.task.name} with {self.robot.name} has shape ({length},), not {state.shape}"
+            )
+        self.sim.set_state_from_flattened(state)
+        self.sim.forward()
+
+    def place_object(self, pose: Pose, name: str | None = None) -> None:
+        """Put an object, at rest, at a pose."""
+        _, address, joint = self._objects[self.task.object(name).name]
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, np.asarray(pose.rotation, dtype=np.float64).flatten())
+        self.data.qpos[address : address + 7] = np.concatenate([pose.position, quat])
+        first = self.model.jnt_dofadr[joint]
+        self.data.qvel[first : first + 6] = 0.0
+        self.sim.forward()
+
+    def place_eef(self, pose: Pose, opening: float | None = None) -> float:
+        """Put the arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
+
+        Starts from the present posture, so a trajectory placed step by step is followed without jumps, then from
+        the home posture and from seeded variations of it.
+
+        Args:
+            pose: of the site, world frame.
+            opening: gap between the finger pads, metres; unchanged if not given.
+
+        Returns:
+            The remaining error in metres, a radian counted as 0.1 m.
+        """
+        noise = np.random.default_rng(0).normal(0.0, 0.5, (_RESTARTS, len(self._arm.home)))
+        starts = [self.data.qpos[self._arm.qpos].copy(), self._arm.home, *(self._arm.home + noise)]
+        error = reach(self.model, self.data, self._arm, pose, starts)
+        if opening is not None:
+            self._gripper.set_opening(opening)
+        self.data.qvel[self._arm.dofs] = 0.0
+        self.sim.forward()
+        return error
+
+    def close(self) -> None:
+        """Free the OpenGL contexts and the simulation."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+        self._env.close()
+
+    def __enter__(self) -> "ManipulationEnv":  # noqa: D105
+        return self
+
+    def __exit__(self, *exception: object) -> None:  # noqa: D105
+        self.close()
+
+    def _camera(self, name: str) -> int:
+        if name not in self._cameras:
+            raise UnknownNameError("camera", name, self._cameras)
+        return self._cameras[name]
+
+    def _renderer(self, width: int, height: int) -> Renderer:
+        size = (width, height)
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(self.model, self.data, width, height, self.visual, self._robot_geoms)
+        return self._renderers[size]

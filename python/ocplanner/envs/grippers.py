@@ -1,0 +1,108 @@
+"""What differs between grippers, measured on the model instead of written down: fingers and opening."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ocplanner.envs.simulator import mujoco
+
+_LEVELS = 21
+_SUBSTEPS = 60
+_FARTHEST_M = 0.5
+
+
+class Gripper:
+    """The gripper of a robosuite arm.
+
+    Args:
+        robot: robosuite's robot.
+        model: the compiled model.
+        data: its state.
+    """
+
+    def __init__(self, robot: Any, model: Any, data: Any) -> None:  # noqa: D107
+        arm = robot.arms[0]
+        self._gripper = robot.gripper[arm]
+        self._model = model
+        self._data = data
+        self._qpos = np.array(robot._ref_gripper_joint_pos_indexes[arm])
+        self._actuators = np.array(robot._ref_joint_gripper_actuator_indexes[arm])
+        self._pinned_qpos = np.array(robot._ref_joint_pos_indexes)
+        self._pinned_dofs = np.array(robot._ref_joint_vel_indexes)
+        self.fingers = tuple(self._geoms(side, (f"{side}_finger", f"{side}_fingerpad")) for side in ("left", "right"))
+        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",)) for side in ("left", "right"))
+
+    @property
+    def opening(self) -> float:
+        """Gap between the finger pads, metres."""
+        return self._gap(self._data)
+
+    def set_opening(self, opening: float) -> None:
+        """Set the finger joints to a gap between the pads, metres, as near as the gripper can open."""
+        openings, postures = self._stroke
+        self._data.qpos[self._qpos] = [np.interp(opening, openings, joint) for joint in postures.T]
+
+    def touches(self, geoms: np.ndarray) -> bool:
+        """Whether both sides of the gripper are in contact with any of these geoms."""
+        pairs = self._data.contact.geom[: self._data.ncon]
+        return all(
+            bool(
+                np.any(np.isin(pairs[:, 0], side) & np.isin(pairs[:, 1], geoms))
+                or np.any(np.isin(pairs[:, 1], side) & np.isin(pairs[:, 0], geoms))
+            )
+            for side in self.fingers
+        )
+
+    @cached_property
+    def _stroke(self) -> tuple[np.ndarray, np.ndarray]:
+        """Openings in ascending order (levels,) and the finger joints at each (levels, joints), by closing once."""
+        model = self._model
+        data = mujoco.MjData(model)
+        data.qpos[:] = self._data.qpos
+        arm = data.qpos[self._pinned_qpos].copy()
+        saved = self._gripper.current_action
+        low, high = model.actuator_ctrlrange[self._actuators].T
+        openings, postures = [], []
+        try:
+            for level in np.linspace(-1.0, 1.0, _LEVELS):
+                command = self._command(level)
+                data.ctrl[self._actuators] = (high + low) / 2 + (high - low) / 2 * command
+                for _ in range(_SUBSTEPS * (5 if level == -1.0 else 1)):
+                    mujoco.mj_step(model, data)
+                    data.qpos[self._pinned_qpos] = arm
+                    data.qvel[self._pinned_dofs] = 0.0
+                mujoco.mj_kinematics(model, data)
+                openings.append(self._gap(data))
+                postures.append(data.qpos[self._qpos].copy())
+        finally:
+            self._gripper.current_action = saved
+        ascending = np.maximum.accumulate(openings[::-1]) + 1e-9 * np.arange(_LEVELS)
+        return ascending, np.array(postures[::-1])
+
+    def _command(self, level: float) -> np.ndarray:
+        """The gripper's actuator command, each in [-1, 1], when its own integrator stands at ``level``."""
+        gripper = self._gripper
+        gripper.current_action = np.zeros(gripper.dof)
+        direction = np.array(gripper.format_action(np.full(gripper.dof, 1.0)), dtype=np.float64)
+        return np.sign(direction) * level
+
+    def _gap(self, data: Any) -> float:
+        gaps = [
+            mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None)
+            for left in self.pads[0]
+            for right in self.pads[1]
+        ]
+        return max(0.0, float(min(gaps)))
+
+    def _geoms(self, side: str, groups: tuple[str, ...]) -> np.ndarray:
+        """Ids of one side's geoms: those that robosuite names, else the colliding geoms of that side's bodies."""
+        named = [name for group in groups for name in self._gripper.important_geoms.get(group, ())]
+        ids = {mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in named} - {-1}
+        if not ids:
+            prefix = f"{self._gripper.naming_prefix}{side}_finger"
+            for geom in range(self._model.ngeom):
+                body = mujoco.mj_id2name(self._model, mujoco.mjtObj.mjOBJ_BODY, self._model.geom_bodyid[geom])
+                if body and body.startswith(prefix) and self._model.geom_contype[geom]:
+                    ids.add(geom)
+        return np.array(sorted(ids))

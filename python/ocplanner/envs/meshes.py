@@ -1,0 +1,105 @@
+"""Simplified copies of visual meshes, kept on disk under a hash of what they were made from."""
+
+import hashlib
+import importlib.metadata
+import os
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import fast_simplification
+import numpy as np
+import trimesh
+
+from ocplanner.envs.simulator import mujoco
+
+_MIN_TRIANGLES = 300
+_MAX_TRIANGLES = 1500
+_KEPT_FRACTION = 0.1
+_VERSION = b"ocplanner mesh 1"
+
+
+def cache_folder() -> Path:
+    """Where simplified meshes are kept: ``$XDG_CACHE_HOME/ocplanner`` or ``~/.cache/ocplanner``."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "ocplanner"
+
+
+def simplify_visual_meshes(root: ET.Element) -> None:
+    """Point the mesh assets that only visual geoms use at simplified copies.
+
+    A mesh stays as it is if a colliding geom uses it too, if an image is wrapped around it, or if it is small.
+    """
+    asset = root.find("asset")
+    if asset is None:
+        return
+    replaceable = _purely_visual_meshes(root) - _image_mapped_meshes(root, asset)
+    for mesh in asset.findall("mesh"):
+        path = Path(mesh.get("file", ""))
+        if mesh.get("name") in replaceable and path.suffix.lower() in {".obj", ".stl"} and path.is_file():
+            mesh.set("file", str(simplified(path)))
+
+
+def simplified(path: Path) -> Path:
+    """The simplified copy of a mesh file, made on first use; the file itself where simplifying is not worth it."""
+    version = importlib.metadata.version("fast-simplification").encode()
+    key = hashlib.sha256(b"\0".join((_VERSION, version, path.read_bytes()))).hexdigest()[:32]
+    cached = cache_folder() / "meshes" / f"{key}.stl"
+    if cached.exists():
+        return cached if cached.stat().st_size else path
+    content = _simplify(path)
+    try:
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=cached.parent, suffix=".tmp", delete=False) as file:
+            file.write(content)
+        Path(file.name).replace(cached)
+    except OSError:
+        return path  # no room for a cache: the picture is slower to draw, not wrong
+    return cached if content else path
+
+
+def _simplify(path: Path) -> bytes:
+    """A binary STL, or nothing if the mesh is small already or does not survive."""
+    mesh = trimesh.load_mesh(path, process=False)
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) <= _MIN_TRIANGLES:
+        return b""
+    # Seams of texture coordinates and normals split vertices; unmerged, simplification tears the surface along them.
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    target = int(np.clip(_KEPT_FRACTION * len(mesh.faces), _MIN_TRIANGLES, _MAX_TRIANGLES))
+    points, faces = fast_simplification.simplify(
+        np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), target_count=target
+    )[:2]
+    result = trimesh.Trimesh(points, faces, process=False)
+    shrunk = np.abs(result.bounds - mesh.bounds).max() if len(faces) else np.inf
+    if shrunk > 0.05 * mesh.scale or not _compiles(result):
+        return b""
+    content = result.export(file_type="stl")
+    return content if isinstance(content, bytes) else b""
+
+
+def _compiles(mesh: trimesh.Trimesh) -> bool:
+    """Whether MuJoCo accepts the mesh: it refuses those of next to no volume."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", uservert=mesh.vertices.flatten().tolist(), userface=mesh.faces.flatten().tolist())
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        spec.compile()
+    except ValueError:
+        return False
+    return True
+
+
+def _purely_visual_meshes(root: ET.Element) -> set[str]:
+    visual, colliding = set(), set()
+    for geom in root.iter("geom"):
+        name = geom.get("mesh")
+        if name is not None:
+            harmless = geom.get("contype", "1") == "0" and geom.get("conaffinity", "1") == "0"
+            (visual if harmless else colliding).add(name)
+    return visual - colliding
+
+
+def _image_mapped_meshes(root: ET.Element, asset: ET.Element) -> set[str]:
+    flat = {texture.get("name") for texture in asset.findall("texture") if texture.get("type", "cube") == "2d"}
+    wrapped = {material.get("name") for material in asset.findall("material") if material.get("texture") in flat}
+    return {geom.get("mesh", "") for geom in root.iter("geom") if geom.get("material") in wrapped}

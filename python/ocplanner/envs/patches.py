@@ -1,0 +1,40 @@
+"""Named corrections to robosuite's models, each applied to the model's XML before it is compiled."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+
+from ocplanner.errors import UnknownNameError
+
+
+def _sawyer_base_contact(root: ET.Element) -> None:
+    """Sawyer's base sphere touches its first link, and the contact brakes joint 1 with up to 17 Nm: exclude the pair.
+
+    A contact exclusion names bodies, not geoms; these two bodies have no other colliding geoms.
+    """
+    bodies = {geom.get("name"): body.get("name", "") for body in root.iter("body") for geom in body.findall("geom")}
+    contact = root.find("contact")
+    if contact is None:
+        contact = ET.SubElement(root, "contact")
+    ET.SubElement(
+        contact,
+        "exclude",
+        name="sawyer-base-contact",
+        body1=bodies["robot0_base_col"],
+        body2=bodies["robot0_link0_collision"],
+    )
+
+
+PATCHES: dict[str, Callable[[ET.Element], None]] = {"sawyer-base-contact": _sawyer_base_contact}
+
+
+def check_patches(names: tuple[str, ...]) -> None:
+    """Raise UnknownNameError unless every name is a patch."""
+    for name in names:
+        if name not in PATCHES:
+            raise UnknownNameError("patch", name, PATCHES)
+
+
+def apply_patches(root: ET.Element, names: tuple[str, ...]) -> None:
+    """Change the model's XML tree in place."""
+    for name in names:
+        PATCHES[name](root)

@@ -1,0 +1,145 @@
+"""Drawing a MuJoCo scene into an array, off screen."""
+
+from typing import Any
+
+import numpy as np
+
+from ocplanner.envs.simulator import mujoco, rendering_error
+from ocplanner.envs.visuals import MASK_MATERIAL, VisualPreset
+
+_HIDDEN_GROUP = 5
+_VISUAL_GROUP = 1
+
+
+class Renderer:
+    """Draws one model at one size with an OpenGL context of its own.
+
+    Args:
+        model: the compiled model.
+        data: its state, read at each picture.
+        width: pixels.
+        height: pixels.
+        preset: how much to draw.
+        robot_geoms: ids of the visual geoms that belong to the robot.
+
+    Raises:
+        RenderingError: there is no working headless OpenGL.
+    """
+
+    def __init__(  # noqa: D107
+        self,
+        model: Any,
+        data: Any,
+        width: int,
+        height: int,
+        preset: VisualPreset,
+        robot_geoms: np.ndarray,
+    ) -> None:
+        self.width = width
+        self.height = height
+        self._model = model
+        self._data = data
+        self._preset = preset
+        self._robot_geoms = robot_geoms
+        self._mask_material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, MASK_MATERIAL)
+        model.vis.global_.offwidth = width
+        model.vis.global_.offheight = height
+        model.vis.quality.offsamples = preset.multisamples
+        if not preset.shadows:
+            model.vis.quality.shadowsize = 0
+        try:
+            self._gl: Any = mujoco.GLContext(width, height)
+            self._gl.make_current()
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except Exception as error:  # each OpenGL backend raises its own classes
+            raise rendering_error(error) from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite + 200)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = preset.shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = preset.reflections
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._perturbation = mujoco.MjvPerturb()
+        self._viewport = mujoco.MjrRect(0, 0, width, height)
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[:] = [0, 1, 1, 0, 0, 0]
+        self._plain_options = mujoco.MjvOption()
+        self._plain_options.geomgroup[:] = [0, 1, 1, 0, 0, 0]
+        self._plain_options.sitegroup[:] = 0
+        if not preset.markers:
+            self._options = self._plain_options
+
+    def full(self, camera: int) -> np.ndarray:
+        """(h, w, 3) uint8 picture of everything, upright."""
+        return self._draw(camera, self._options)
+
+    def without_robot(self, camera: int) -> np.ndarray:
+        """(h, w, 3) uint8 picture with the robot left out, upright."""
+        groups = self._model.geom_group
+        groups[self._robot_geoms] = _HIDDEN_GROUP
+        try:
+            return self._draw(camera, self._plain_options)
+        finally:
+            groups[self._robot_geoms] = _VISUAL_GROUP
+
+    def flat_robot(self, camera: int) -> np.ndarray:
+        """(h, w, 3) uint8 picture with the robot in one colour, upright.
+
+        With a preset whose pixels are local it differs from :meth:`without_robot` only where the robot is seen.
+        """
+        model, geoms = self._model, self._robot_geoms
+        materials, colours = model.geom_matid[geoms].copy(), model.geom_rgba[geoms].copy()
+        model.geom_matid[geoms] = self._mask_material
+        model.geom_rgba[geoms] = model.mat_rgba[self._mask_material]
+        try:
+            return self._draw(camera, self._plain_options)
+        finally:
+            model.geom_matid[geoms] = materials
+            model.geom_rgba[geoms] = colours
+
+    def robot_mask(self, camera: int) -> np.ndarray:
+        """(h, w) bool, the pixels in which the robot is seen, nothing standing before it; upright."""
+        flags = self._scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 1
+        flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
+        try:
+            colours = self._draw(camera, self._plain_options).astype(np.int32)
+        finally:
+            flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 0
+            flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
+        drawn = colours[..., 0] + (colours[..., 1] << 8) + (colours[..., 2] << 16)
+        return self._robot_segments()[drawn]
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+
+    def _draw(self, camera: int, options: Any) -> np.ndarray:
+        self._gl.make_current()
+        self._camera.fixedcamid = camera
+        mujoco.mjv_updateScene(
+            self._model,
+            self._data,
+            options,
+            self._perturbation,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            self._scene,
+        )
+        mujoco.mjr_render(self._viewport, self._scene, self._context)
+        picture = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(picture, None, self._viewport, self._context)
+        return np.ascontiguousarray(picture[::-1])
+
+    def _robot_segments(self) -> np.ndarray:
+        """Bool by segmentation id plus one (0 is the background)."""
+        robot: set[int] = set(self._robot_geoms.tolist())
+        table = np.zeros(self._scene.ngeom + 1, dtype=bool)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
+                table[geom.segid + 1] = geom.objid in robot
+        return table

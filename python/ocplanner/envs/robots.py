@@ -1,0 +1,57 @@
+"""The arms, and how their grippers differ."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ocplanner.errors import UnknownNameError
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """One arm with its own gripper, as robosuite ships it.
+
+    Attributes:
+        name: robosuite's name.
+        closing_axis: axis of the end-effector site along which the fingers close.
+        stroke_steps: control steps (20 Hz) from fully open to fully closed.
+        patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
+    """
+
+    name: str
+    closing_axis: Literal["x", "y"] = "x"
+    stroke_steps: int = 20
+    patches: tuple[str, ...] = ()
+
+    @property
+    def rotation_grasp_site(self) -> np.ndarray:
+        """(3, 3) rotation of the end-effector site in the grasp frame (whose x is the closing axis)."""
+        if self.closing_axis == "x":
+            return np.eye(3)
+        return np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+ROBOTS = {
+    spec.name: spec
+    for spec in (
+        RobotSpec("Panda"),
+        RobotSpec("Sawyer", patches=("sawyer-base-contact",)),
+        RobotSpec("UR5e"),
+        RobotSpec("IIWA"),
+        RobotSpec("Kinova3"),
+        RobotSpec("Jaco", stroke_steps=200),
+        RobotSpec("XArm7", closing_axis="y"),
+    )
+}
+
+
+def robot(name: str) -> RobotSpec:
+    """The arm called ``name``.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if name not in ROBOTS:
+        raise UnknownNameError("robot", name, ROBOTS)
+    return ROBOTS[name]

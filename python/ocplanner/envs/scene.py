@@ -1,0 +1,54 @@
+"""From names to a robosuite environment: model patched, visuals prepared, logging quiet, nothing drawn by robosuite."""
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+from ocplanner.envs.patches import apply_patches
+from ocplanner.envs.robots import RobotSpec
+from ocplanner.envs.simulator import robosuite
+from ocplanner.envs.tasks import Task
+from ocplanner.envs.visuals import VisualPreset, prepare_visuals
+
+REGISTERED_ENVS = robosuite.environments.base.REGISTERED_ENVS
+_ENDLESS = 2**31
+
+
+def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patches: tuple[str, ...], seed: int) -> Any:
+    """A robosuite environment that never ends by itself and resets without rebuilding its model."""
+
+    def edit(xml: str) -> str:
+        root = ET.fromstring(xml)  # noqa: S314 - robosuite made it
+        apply_patches(root, patches)
+        prepare_visuals(root, preset)
+        return ET.tostring(root, encoding="unicode")
+
+    environment = _with_model_edit(REGISTERED_ENVS[task.env_name], edit)
+    return environment(
+        robots=robot.name,
+        has_renderer=False,
+        has_offscreen_renderer=False,
+        use_camera_obs=False,
+        use_object_obs=True,
+        control_freq=20,
+        ignore_done=True,
+        horizon=_ENDLESS,
+        hard_reset=False,
+        seed=seed,
+    )
+
+
+def _with_model_edit(base: Any, edit: Any) -> Any:
+    """The environment class with a processor that is in place when the model is first compiled.
+
+    ``set_xml_processor`` comes too late: the constructor has compiled the model by then, and a rebuild would undo the
+    references that it took.
+    """
+
+    def initialize(self: Any, xml_string: str | None = None) -> None:
+        if edit not in self._xml_processors:
+            self.set_xml_processor(edit)
+        base._initialize_sim(self, xml_string)
+
+    edited = type(base)(f"Edited{base.__name__}", (base,), {"_initialize_sim": initialize})
+    REGISTERED_ENVS.pop(edited.__name__)  # robosuite's metaclass registers every class
+    return edited

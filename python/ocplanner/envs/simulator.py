@@ -1,0 +1,42 @@
+"""The one place that imports mujoco and robosuite: quietly, and with a clear error where OpenGL is missing."""
+
+import importlib
+import logging
+import os
+from typing import Any
+
+from ocplanner.errors import RenderingError
+
+_PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+
+
+def rendering_error(cause: object) -> RenderingError:
+    """The error for a machine without headless OpenGL, naming the packages that bring it."""
+    backend = os.environ.get("MUJOCO_GL", "").lower()
+    wanted = _PACKAGES.get(backend)
+    if wanted is None:
+        remedy = f"set MUJOCO_GL to egl or osmesa, and install {_PACKAGES['egl']} or {_PACKAGES['osmesa']} (apt-get)"
+    else:
+        remedy = f"on Debian or Ubuntu run: sudo apt-get install {wanted}"
+        if backend == "egl":
+            remedy += f" (or install {_PACKAGES['osmesa']} and set MUJOCO_GL=osmesa)"
+    return RenderingError(f"no working headless OpenGL with MUJOCO_GL={backend or 'unset'}: {cause}; {remedy}")
+
+
+def _only_errors(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.ERROR
+
+
+# robosuite warns at import about an optional macro file; a filter outlasts the level that it sets itself.
+logging.getLogger("robosuite_logs").addFilter(_only_errors)
+
+try:
+    mujoco: Any = importlib.import_module("mujoco")
+    robosuite: Any = importlib.import_module("robosuite")
+except (AttributeError, ImportError, OSError, RuntimeError) as error:
+    # mujoco opens the OpenGL library when it is imported; a missing one shows as any of these.
+    if isinstance(error, ModuleNotFoundError):
+        raise
+    raise rendering_error(error) from error
+
+__all__ = ["mujoco", "rendering_error", "robosuite"]

@@ -1,0 +1,98 @@
+"""What a task is: a robosuite environment, the objects that matter in it, and where to hold them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocplanner.errors import UnknownNameError
+from ocplanner.pose import Pose
+
+
+@dataclass(frozen=True)
+class GraspFrame:
+    """A way of holding an object, the same for every gripper.
+
+    Attributes:
+        name: what the hand takes hold of.
+        pose_object_eef: the grasp frame in the object's frame: x along which the fingers close, z out of the palm
+            (the approach), the origin midway between the finger tips. A robot's own end-effector site may be turned
+            against it: see :attr:`ocplanner.envs.robots.RobotSpec.rotation_grasp_site`.
+    """
+
+    name: str
+    pose_object_eef: Pose
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """An object that a task is about.
+
+    Attributes:
+        name: robosuite's name, the prefix of its sensors (``SquareNut`` of ``SquareNut_pos``).
+        joint: its free joint.
+        grasps: the ways of holding it, the preferred one first.
+        yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
+            any yaw is, 1 that only one is.
+    """
+
+    name: str
+    joint: str
+    grasps: tuple[GraspFrame, ...]
+    yaw_fold: int = 1
+
+    def grasp(self, name: str) -> GraspFrame:
+        """The grasp called ``name``.
+
+        Raises:
+            UnknownNameError: the object has no such grasp.
+        """
+        for candidate in self.grasps:
+            if candidate.name == name:
+                return candidate
+        raise UnknownNameError("grasp", name, (candidate.name for candidate in self.grasps))
+
+
+@dataclass(frozen=True)
+class Task:
+    """A manipulation task.
+
+    Attributes:
+        name: our name, such as ``"Square"``.
+        env_name: robosuite's, such as ``"NutAssemblySquare"``.
+        objects: what is manipulated; the first is the main one.
+        cameras: cameras whose pictures a planner sees unless told otherwise.
+        horizon: control steps of an episode.
+    """
+
+    name: str
+    env_name: str
+    objects: tuple[ObjectSpec, ...]
+    cameras: tuple[str, ...] = ("agentview",)
+    horizon: int = 400
+
+    def object(self, name: str | None = None) -> ObjectSpec:
+        """The object called ``name``, or the main one.
+
+        Raises:
+            UnknownNameError: the task has no such object.
+        """
+        if name is None:
+            return self.objects[0]
+        for candidate in self.objects:
+            if candidate.name == name:
+                return candidate
+        raise UnknownNameError("object", name, (candidate.name for candidate in self.objects))
+
+
+def top_grasp(name: str, position: tuple[float, float, float], yaw: float = 0.0) -> GraspFrame:
+    """A grasp from above.
+
+    Args:
+        name: what the hand takes hold of.
+        position: (3,) of the grasp frame's origin in the object's frame, metres.
+        yaw: angle in the object's xy plane from its x axis to the line along which the fingers close, radians.
+    """
+    closing = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    approach = np.array([0.0, 0.0, -1.0])
+    rotation = np.column_stack([closing, np.cross(approach, closing), approach])
+    return GraspFrame(name, Pose(np.array(position, dtype=np.float64), rotation))
