@@ -32,7 +32,7 @@ class Demonstrations(Sequence[Demonstration]):
         self.path = self._file.path
         try:
             self.env_args: dict[str, Any] = self._read_env_args()
-            self.names: tuple[str, ...] = tuple(sorted(self._file.names("data"), key=_natural))
+            self.names: tuple[str, ...] = tuple(sorted(self._file.names("data"), key=natural_key))
             self.mask_names: tuple[str, ...] = tuple(sorted(self._file.names("mask")))
             if not self.names:
                 raise self._file.error("data", "no demonstration in it", "record or download the data set again")
@@ -92,11 +92,11 @@ class Demonstrations(Sequence[Demonstration]):
             raise self._file.error(key, "no such mask", f"the masks there are: {known}")
         entries = self._file.read(key).ravel().tolist()
         listed = [entry.decode(errors="replace") if isinstance(entry, bytes) else str(entry) for entry in entries]
-        absent = sorted(set(listed) - set(self.names), key=_natural)
+        absent = sorted(set(listed) - set(self.names), key=natural_key)
         if absent:
             fault = f"it names {', '.join(absent[:3])}, which data does not hold"
             raise self._file.error(key, fault, "correct the mask or download the data set again")
-        return sorted(listed, key=_natural)
+        return sorted(listed, key=natural_key)
 
     @property
     def env_name(self) -> str:
@@ -177,5 +177,6 @@ class Demonstrations(Sequence[Demonstration]):
         return 7 if one_arm and '"OSC_POSE"' in controllers else None
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts demo_2 before demo_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name) if part]

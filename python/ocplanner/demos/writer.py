@@ -1,0 +1,190 @@
+"""Writing robomimic HDF5 files so that a kill at any moment loses at most the demonstration in flight.
+
+An HDF5 file that is open for writing when its process dies is lost as a whole. Each demonstration is therefore first a
+small file of its own in the folder ``<target>.parts``, written beside and renamed; only when all are there are they
+copied, block by block, into the target, which appears complete or not at all.
+"""
+
+import contextlib
+import json
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from ocplanner.demos.dataset import natural_key
+from ocplanner.errors import DatasetError, OutputError
+from ocplanner.storage import atomic_json, atomic_write, locked, output_error
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_HEADER = "header.json"
+_BIG_FROM_DIMS = 3  # arrays with so many dimensions hold images: one chunk a frame, for random access
+
+
+class DatasetWriter:
+    """Collects demonstrations into one robomimic file; a context manager that can be stopped and resumed.
+
+    >>> with DatasetWriter(path, env_args) as writer:                                    # doctest: +SKIP
+    ...     for demo in demos:
+    ...         if demo.name not in writer.done:
+    ...             writer.add(demo.name, demo.arrays(), demo.attrs)
+    ...     writer.finish({"train": names})
+
+    Args:
+        path: the file to make; it appears at :meth:`finish`.
+        env_args: robomimic's description of the environment.
+        data_attrs: further attributes of ``data`` (``ocplanner_render``, ...): text and numbers.
+        resume: continue what an interrupted writer with the same ``env_args`` and ``data_attrs`` left; otherwise
+            discard it.
+        overwrite: replace a file that exists at ``path``.
+
+    Raises:
+        OutputError: ``path`` exists, another process writes it, the folder is not writable, or an interrupted writer
+            left demonstrations made with other settings.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        env_args: Mapping[str, Any],
+        *,
+        data_attrs: Mapping[str, Any] | None = None,
+        resume: bool = True,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self.parts = self.path.with_name(f"{self.path.name}.parts")
+        self._attrs: dict[str, Any] = {"env_args": json.dumps(dict(env_args)), **(data_attrs or {})}
+        self._resources = contextlib.ExitStack()
+        self._resources.enter_context(locked(self.path))
+        try:
+            if self.path.exists() and not overwrite:
+                raise OutputError(f"{self.path} exists already; delete it or choose another output")
+            self._open_parts(resume)
+        except BaseException:
+            self._resources.close()
+            raise
+
+    @property
+    def done(self) -> tuple[str, ...]:
+        """The demonstrations that are safely on disk, in natural order."""
+        return tuple(sorted((part.stem for part in self.parts.glob("*.hdf5")), key=natural_key))
+
+    def add(self, name: str, arrays: Mapping[str, np.ndarray], attrs: Mapping[str, Any] | None = None) -> None:
+        """Store one demonstration; when this returns it survives a kill.
+
+        Args:
+            name: such as ``demo_3``; a demonstration of this name is replaced.
+            arrays: by path (``actions``, ``states``, ``obs/agentview_image``, ...), all with the steps as their first
+                dimension; ``actions`` must be there.
+            attrs: attributes of the demonstration; ``num_samples`` is set from ``actions``.
+
+        Raises:
+            DatasetError: the name or the arrays are not fit for a demonstration.
+            OutputError: the disk is full or the folder is gone.
+        """
+        steps = _check(name, arrays)
+        part = self.parts / f"{name}.hdf5"
+        with _saving(self.path), atomic_write(part) as temporary, h5py.File(temporary, "w") as file:
+            group = file.create_group("demo")
+            group.attrs.update({**(attrs or {}), "num_samples": steps})
+            for key, array in arrays.items():
+                chunks = (1, *array.shape[1:]) if array.ndim >= _BIG_FROM_DIMS else None
+                group.create_dataset(key, data=array, compression="gzip", compression_opts=4, chunks=chunks)
+
+    def finish(self, masks: Mapping[str, Sequence[str]] | None = None, names: Sequence[str] | None = None) -> Path:
+        """Put the demonstrations together into the target file, with bounded memory, and remove the parts.
+
+        Args:
+            masks: lists of demonstration names under ``mask/``.
+            names: the demonstrations to keep; all that are done when None.
+
+        Raises:
+            DatasetError: a name is not done, or there is none.
+            OutputError: the disk is full or the folder is gone.
+        """
+        done = self.done
+        names = done if names is None else names
+        absent = sorted({*names, *(name for mask in (masks or {}).values() for name in mask)} - set(done))
+        if absent or not names:
+            raise DatasetError(
+                f"{self.path}: cannot be finished: {', '.join(absent[:3]) or 'no demonstration'} not done"
+            )
+        with _saving(self.path), atomic_write(self.path) as temporary, h5py.File(temporary, "w") as file:
+            data = file.create_group("data")
+            total = 0
+            for name in names:
+                with h5py.File(self.parts / f"{name}.hdf5", "r") as part:
+                    part.copy("demo", data, name=name)
+                total += len(data[f"{name}/actions"])
+            data.attrs.update({**self._attrs, "total": total})
+            for mask, listed in (masks or {}).items():
+                file.create_dataset(f"mask/{mask}", data=np.array([name.encode() for name in listed], dtype="S"))
+        self._discard_parts()
+        self.close()
+        return self.path
+
+    def close(self) -> None:
+        """Let go of the output; what was added stays for a later writer to resume."""
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        """The writer holds its output since it was made."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let go of the output."""
+        self.close()
+
+    def _open_parts(self, resume: bool) -> None:
+        header = self.parts / _HEADER
+        if resume and header.exists():
+            try:
+                found = json.loads(header.read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                raise OutputError(f"{header} is damaged ({error}); delete {self.parts} and start again") from error
+            if found != self._attrs:
+                differing = sorted(key for key in {*found, *self._attrs} if found.get(key) != self._attrs.get(key))
+                raise OutputError(
+                    f"{self.parts} holds demonstrations made with another {', '.join(differing)}; "
+                    "run with the settings as before, delete that folder, or choose another output"
+                )
+            return
+        if self.parts.exists():
+            self._discard_parts()
+        atomic_json(header, self._attrs)
+
+    def _discard_parts(self) -> None:
+        # Without its header the folder is void: a kill in the midst leaves nothing that could be resumed by mistake.
+        with _saving(self.parts):
+            (self.parts / _HEADER).unlink(missing_ok=True)
+            shutil.rmtree(self.parts)
+
+
+def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:
+    if not _NAME.fullmatch(name):
+        raise DatasetError(f"{name!r} is no name for a demonstration; use letters, digits, '_', '.' and '-'")
+    if "actions" not in arrays:
+        raise DatasetError(f"{name}: no actions among {', '.join(arrays) or 'nothing'}")
+    steps = len(arrays["actions"])
+    if steps == 0:
+        raise DatasetError(f"{name}: no steps")
+    for key, array in arrays.items():
+        if array.ndim == 0 or len(array) != steps:
+            raise DatasetError(f"{name}: {key} has shape {array.shape}, but there are {steps} actions")
+        if array.dtype.kind not in "fiub":
+            raise DatasetError(f"{name}: {key} has dtype {array.dtype}, expected numbers")
+    return steps
+
+
+@contextlib.contextmanager
+def _saving(path: Path) -> Iterator[None]:
+    """HDF5 reports a full disk as RuntimeError or OSError, depending on where it strikes."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise output_error(path, error) from error
