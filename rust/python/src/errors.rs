@@ -4,7 +4,6 @@ use ocplanner_core::error::Error;
 use pyo3::prelude::*;
 
 /// Turns a core error into the Python exception of the same meaning.
-#[expect(dead_code, reason = "the binding files that use it follow")]
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let name = match error {
         Error::Shape { .. } => "ShapeError",
