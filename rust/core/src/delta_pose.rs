@@ -6,99 +6,21 @@
 //! action.
 
 use crate::error::{Error, Result};
+use crate::pose::{
+    Matrix3, Pose, Vector3, add, check_rotation, geodesic_angle, multiply, norm, rotate, rotation_log, scale, subtract,
+    transpose,
+};
 
-type Vector = [f64; 3];
-type Matrix = [[f64; 3]; 3];
-
-/// Pose of a body: metres, body -> world.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BodyPose {
-    /// Position, metres.
-    pub position: Vector,
-    /// Rotation matrix, row-major.
-    pub rotation: Matrix,
-}
-
-impl BodyPose {
-    /// Checks that the numbers are finite and the rotation is one (orthonormal and right-handed within 1e-3).
-    pub fn new(what: &'static str, position: Vector, rotation: Matrix) -> Result<Self> {
-        if !position.iter().all(|value| value.is_finite()) {
-            return Err(Error::Value { what, found: format!("position {position:?}"), expected: "finite" });
-        }
-        check_rotation(what, &rotation)?;
-        Ok(Self { position, rotation })
-    }
-}
-
-/// Checks that a matrix is a rotation within 1e-3.
-pub fn check_rotation(what: &'static str, rotation: &Matrix) -> Result<()> {
-    let gram = multiply(&transpose(rotation), rotation);
-    let mut error: f64 = 0.0;
-    for (i, row) in gram.iter().enumerate() {
-        for (j, value) in row.iter().enumerate() {
-            let wanted = if i == j { 1.0 } else { 0.0 };
-            // `max` drops a NaN, so NaN is turned into infinity
-            let difference = (value - wanted).abs();
-            error = error.max(if difference.is_nan() { f64::INFINITY } else { difference });
-        }
-    }
-    let [a, b, c] = *rotation;
-    let determinant =
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
-    if error > 1e-3 || determinant <= 0.0 {
-        return Err(Error::Value { what, found: format!("{rotation:?}"), expected: "a rotation matrix" });
-    }
-    Ok(())
-}
-
-fn transpose(a: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
-}
-
-fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-fn apply(a: &Matrix, v: &Vector) -> Vector {
-    std::array::from_fn(|i| (0..3).map(|k| a[i][k] * v[k]).sum())
-}
-
-fn subtract(a: &Vector, b: &Vector) -> Vector {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn norm(v: &[f64]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-/// The rotation vector (axis times angle, angle in [0, pi]) of a rotation matrix.
+/// A pose whose numbers are finite and whose rotation is one.
 ///
-/// Goes through the unit quaternion with a non-negative real part, which is well conditioned at every angle and
-/// always takes the short way round.
-pub fn rotation_vector(r: &Matrix) -> Vector {
-    let trace = r[0][0] + r[1][1] + r[2][2];
-    // Shepperd: start from the largest of the four squared components
-    let squares = [1.0 + trace, 1.0 + 2.0 * r[0][0] - trace, 1.0 + 2.0 * r[1][1] - trace, 1.0 + 2.0 * r[2][2] - trace];
-    let largest = (0..4).max_by(|&i, &j| squares[i].total_cmp(&squares[j])).unwrap_or(0);
-    let d = squares[largest].max(0.0).sqrt();
-    let (w, v) = match largest {
-        0 => (d, [(r[2][1] - r[1][2]) / d, (r[0][2] - r[2][0]) / d, (r[1][0] - r[0][1]) / d]),
-        1 => ((r[2][1] - r[1][2]) / d, [d, (r[0][1] + r[1][0]) / d, (r[0][2] + r[2][0]) / d]),
-        2 => ((r[0][2] - r[2][0]) / d, [(r[0][1] + r[1][0]) / d, d, (r[1][2] + r[2][1]) / d]),
-        _ => ((r[1][0] - r[0][1]) / d, [(r[0][2] + r[2][0]) / d, (r[1][2] + r[2][1]) / d, d]),
-    };
-    let sign = if w < 0.0 { -1.0 } else { 1.0 };
-    let sine = norm(&v);
-    if sine < 1e-12 {
-        return [0.0; 3];
+/// # Errors
+/// [`Error::Value`] if they are not.
+pub fn checked_pose(what: &'static str, position: Vector3, rotation: Matrix3) -> Result<Pose> {
+    if !position.iter().all(|value| value.is_finite()) {
+        return Err(Error::Value { what, found: format!("position {position:?}"), expected: "finite" });
     }
-    let angle = 2.0 * sine.atan2(w * sign);
-    v.map(|x| sign * x / sine * angle)
-}
-
-/// The angle between two rotations, in [0, pi] radians.
-pub fn angle_between(a: &Matrix, b: &Matrix) -> f64 {
-    norm(&rotation_vector(&multiply(a, &transpose(b))))
+    check_rotation(what, &rotation)?;
+    Ok(Pose { position, rotation })
 }
 
 /// How a pose difference becomes an action.
@@ -136,6 +58,9 @@ impl Default for DeltaPoseLaw {
 
 impl DeltaPoseLaw {
     /// Checks that every gain, limit and scale is finite and positive, and that no limit exceeds its scale.
+    ///
+    /// # Errors
+    /// [`Error::Value`] naming the first that is not.
     pub fn validate(self) -> Result<Self> {
         let positive = [
             ("gain_position", self.gain_position),
@@ -167,32 +92,22 @@ impl DeltaPoseLaw {
     /// The action (dx, dy, dz, rx, ry, rz), each in [-1, 1], that moves `object` toward `target`.
     ///
     /// `rotation_world_base` holds the axes of the robot's base, in which the controller reads its command.
-    pub fn action(
-        &self,
-        object: &BodyPose,
-        target: &BodyPose,
-        eef: &BodyPose,
-        rotation_world_base: &Matrix,
-    ) -> [f64; 6] {
+    ///
+    /// # Errors
+    /// [`Error::Value`] if a rotation is none.
+    pub fn action(&self, object: &Pose, target: &Pose, eef: &Pose, rotation_world_base: &Matrix3) -> Result<[f64; 6]> {
         let to_base = transpose(rotation_world_base);
         let turn = multiply(&target.rotation, &transpose(&object.rotation));
         let arm = subtract(&eef.position, &object.position);
-        let turned = apply(&turn, &arm);
-        let delta: Vector = std::array::from_fn(|i| target.position[i] + turned[i] - eef.position[i]);
-        let move_base = apply(&to_base, &delta).map(|x| x * self.gain_position);
-        let turn_base = apply(&to_base, &rotation_vector(&turn)).map(|x| x * self.gain_rotation);
-        let horizontal = shrink(norm(&move_base[..2]), self.limit_horizontal) / self.scale_position;
-        let vertical = shrink(move_base[2].abs(), self.limit_vertical) / self.scale_position;
-        let rotation = shrink(norm(&turn_base), self.limit_rotation) / self.scale_rotation;
-        let action = [
-            move_base[0] * horizontal,
-            move_base[1] * horizontal,
-            move_base[2] * vertical,
-            turn_base[0] * rotation,
-            turn_base[1] * rotation,
-            turn_base[2] * rotation,
-        ];
-        action.map(|x| x.clamp(-1.0, 1.0))
+        let goal = add(&target.position, &rotate(&turn, &arm));
+        let delta_pos_base = scale(&rotate(&to_base, &subtract(&goal, &eef.position)), self.gain_position);
+        let delta_rot_base = scale(&rotate(&to_base, &rotation_log(&turn)?), self.gain_rotation);
+        let horizontal = shrink(delta_pos_base[0].hypot(delta_pos_base[1]), self.limit_horizontal);
+        let vertical = shrink(delta_pos_base[2].abs(), self.limit_vertical);
+        let turning = shrink(norm(&delta_rot_base), self.limit_rotation);
+        let [x, y, z] = delta_pos_base.map(|v| v / self.scale_position);
+        let [a, b, c] = delta_rot_base.map(|v| v / self.scale_rotation * turning);
+        Ok([x * horizontal, y * horizontal, z * vertical, a, b, c].map(|v| v.clamp(-1.0, 1.0)))
     }
 }
 
@@ -222,13 +137,16 @@ pub enum Follow {
 pub struct DeltaPoseController {
     law: DeltaPoseLaw,
     follow: Follow,
-    positions: Vec<Vector>,
-    rotations: Option<Vec<Matrix>>,
+    positions: Vec<Vector3>,
+    rotations: Option<Vec<Matrix3>>,
     index: usize,
 }
 
 impl DeltaPoseController {
     /// A controller without a plan.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the law or the gate is not valid.
     pub fn new(law: DeltaPoseLaw, follow: Follow) -> Result<Self> {
         if let Follow::Gated { position, rotation } = follow {
             for (what, value) in [("gate_position", position), ("gate_rotation", rotation)] {
@@ -242,12 +160,11 @@ impl DeltaPoseController {
 
     /// Takes a new plan, m'_{t+1} ... m'_{t+H}, and finds where to start: at its first step, or, gated, at the step
     /// nearest to the object. Without rotations the plan is position-only and the object's rotation is left alone.
-    pub fn set_plan(
-        &mut self,
-        positions: Vec<Vector>,
-        rotations: Option<Vec<Matrix>>,
-        object: &BodyPose,
-    ) -> Result<()> {
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if the plan is empty or its halves differ in length, [`Error::Value`] if a number is not
+    /// finite or a rotation is none.
+    pub fn set_plan(&mut self, positions: Vec<Vector3>, rotations: Option<Vec<Matrix3>>, object: &Pose) -> Result<()> {
         let shape = |found: Vec<usize>, expected: &str| Error::Shape { what: "plan", found, expected: expected.into() };
         if positions.is_empty() {
             return Err(shape(vec![0, 3], "at least one step"));
@@ -269,7 +186,7 @@ impl DeltaPoseController {
         if let Follow::Gated { position, rotation } = self.follow {
             let mut best = f64::INFINITY;
             for index in 0..self.positions.len() {
-                let (distance, angle) = self.distance(index, object);
+                let (distance, angle) = self.distance(index, object)?;
                 let cost = distance / position + angle / rotation;
                 if cost < best {
                     best = cost;
@@ -290,21 +207,27 @@ impl DeltaPoseController {
         self.index + 1 >= self.positions.len()
     }
 
-    fn distance(&self, index: usize, object: &BodyPose) -> (f64, f64) {
+    fn distance(&self, index: usize, object: &Pose) -> Result<(f64, f64)> {
         let distance = norm(&subtract(&self.positions[index], &object.position));
-        let angle = self.rotations.as_ref().map_or(0.0, |r| angle_between(&r[index], &object.rotation));
-        (distance, angle)
+        let angle = match &self.rotations {
+            Some(rotations) => geodesic_angle(&rotations[index], &object.rotation)?,
+            None => 0.0,
+        };
+        Ok((distance, angle))
     }
 
-    fn pose(&self, index: usize, object: &BodyPose) -> BodyPose {
+    fn pose(&self, index: usize, object: &Pose) -> Pose {
         let rotation = self.rotations.as_ref().map_or(object.rotation, |r| r[index]);
-        BodyPose { position: self.positions[index], rotation }
+        Pose { position: self.positions[index], rotation }
     }
 
     /// Advances along the plan and gives the object pose to aim at.
     ///
     /// Open loop, that is the current pose moved by the difference of two consecutive planned poses.
-    pub fn target(&mut self, object: &BodyPose) -> Result<BodyPose> {
+    ///
+    /// # Errors
+    /// [`Error::Value`] without a plan.
+    pub fn target(&mut self, object: &Pose) -> Result<Pose> {
         let count = self.positions.len();
         if count == 0 {
             return Err(Error::Value { what: "controller", found: "no plan".into(), expected: "given a plan first" });
@@ -316,10 +239,7 @@ impl DeltaPoseController {
                 self.index = next;
                 let step = subtract(&to.position, &from.position);
                 let turn = multiply(&to.rotation, &transpose(&from.rotation));
-                Ok(BodyPose {
-                    position: std::array::from_fn(|i| object.position[i] + step[i]),
-                    rotation: multiply(&turn, &object.rotation),
-                })
+                Ok(Pose { position: add(&object.position, &step), rotation: multiply(&turn, &object.rotation) })
             }
             Follow::Time => {
                 let target = self.pose(self.index, object);
@@ -328,7 +248,7 @@ impl DeltaPoseController {
             }
             Follow::Gated { position, rotation } => {
                 while self.index + 1 < count {
-                    let (distance, angle) = self.distance(self.index, object);
+                    let (distance, angle) = self.distance(self.index, object)?;
                     if distance >= position || angle >= rotation {
                         break;
                     }
@@ -340,13 +260,10 @@ impl DeltaPoseController {
     }
 
     /// The action toward a target, by the controller's law.
-    pub fn action(
-        &self,
-        object: &BodyPose,
-        target: &BodyPose,
-        eef: &BodyPose,
-        rotation_world_base: &Matrix,
-    ) -> [f64; 6] {
+    ///
+    /// # Errors
+    /// As for [`DeltaPoseLaw::action`].
+    pub fn action(&self, object: &Pose, target: &Pose, eef: &Pose, rotation_world_base: &Matrix3) -> Result<[f64; 6]> {
         self.law.action(object, target, eef, rotation_world_base)
     }
 }

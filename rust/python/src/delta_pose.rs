@@ -4,6 +4,7 @@ use numpy::ndarray::{ArrayView1, ArrayView2, ArrayView3, Axis};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use ocplanner_core::delta_pose as core;
 use ocplanner_core::error::{Error, Result};
+use ocplanner_core::pose::{Pose, check_rotation};
 use pyo3::prelude::*;
 
 use crate::errors::to_python;
@@ -25,23 +26,23 @@ fn matrix(what: &'static str, view: ArrayView2<'_, f64>) -> Result<[[f64; 3]; 3]
     Ok(std::array::from_fn(|i| std::array::from_fn(|j| view[[i, j]])))
 }
 
-fn pose(what: &'static str, (position, rotation): &PoseArrays<'_>) -> Result<core::BodyPose> {
-    core::BodyPose::new(what, vector(what, position.as_array())?, matrix(what, rotation.as_array())?)
+fn pose(what: &'static str, (position, rotation): &PoseArrays<'_>) -> Result<Pose> {
+    core::checked_pose(what, vector(what, position.as_array())?, matrix(what, rotation.as_array())?)
 }
 
 fn base(rotation: &PyReadonlyArray2<'_, f64>) -> Result<[[f64; 3]; 3]> {
     let rotation = matrix("rotation_world_base", rotation.as_array())?;
-    core::check_rotation("rotation_world_base", &rotation)?;
+    check_rotation("rotation_world_base", &rotation)?;
     Ok(rotation)
 }
 
-fn poses(what: &'static str, (positions, rotations): &PoseBatch<'_>) -> Result<Vec<core::BodyPose>> {
+fn poses(what: &'static str, (positions, rotations): &PoseBatch<'_>) -> Result<Vec<Pose>> {
     let (positions, rotations) = (positions.as_array(), rotations.as_array());
     same_length(what, positions.len_of(Axis(0)), rotations)?;
     positions
         .outer_iter()
         .zip(rotations.outer_iter())
-        .map(|(p, r)| core::BodyPose::new(what, vector(what, p)?, matrix(what, r)?))
+        .map(|(p, r)| core::checked_pose(what, vector(what, p)?, matrix(what, r)?))
         .collect()
 }
 
@@ -52,7 +53,7 @@ fn same_length<T: Element>(what: &'static str, count: usize, rotations: ArrayVie
     Ok(())
 }
 
-fn to_arrays<'py>(py: Python<'py>, pose: core::BodyPose) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>) {
+fn to_arrays<'py>(py: Python<'py>, pose: Pose) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>) {
     let rotation = numpy::ndarray::arr2(&pose.rotation);
     (pose.position.to_vec().into_pyarray(py), rotation.into_pyarray(py))
 }
@@ -107,7 +108,7 @@ fn delta_pose_action<'py>(
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let compute = || -> Result<[f64; 6]> {
         let (object, target, eef) = (pose("object", &object)?, pose("target", &target)?, pose("eef", &eef)?);
-        Ok(law_of(law).action(&object, &target, &eef, &base(&rotation_world_base)?))
+        law_of(law).action(&object, &target, &eef, &base(&rotation_world_base)?)
     };
     compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
 }
@@ -137,14 +138,16 @@ fn delta_pose_actions<'py>(
             .outer_iter()
             .map(|r| {
                 let rotation = matrix("rotation_world_base", r)?;
-                core::check_rotation("rotation_world_base", &rotation)?;
+                check_rotation("rotation_world_base", &rotation)?;
                 Ok(rotation)
             })
             .collect::<Result<Vec<_>>>()?;
         let law = law_of(law);
         let actions = py.detach(|| {
-            (0..count).map(|i| law.action(&object[i], &target[i], &eef[i], &bases[i])).collect::<Vec<[f64; 6]>>()
-        });
+            (0..count)
+                .map(|i| law.action(&object[i], &target[i], &eef[i], &bases[i]))
+                .collect::<Result<Vec<[f64; 6]>>>()
+        })?;
         Ok(numpy::ndarray::Array2::from(actions))
     };
     compute().map(|actions| actions.into_pyarray(py)).map_err(|error| to_python(py, &error))
@@ -221,7 +224,7 @@ impl DeltaPoseController {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let compute = || -> Result<[f64; 6]> {
             let (object, target, eef) = (pose("object", &object)?, pose("target", &target)?, pose("eef", &eef)?);
-            Ok(self.0.action(&object, &target, &eef, &base(&rotation_world_base)?))
+            self.0.action(&object, &target, &eef, &base(&rotation_world_base)?)
         };
         compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
     }
