@@ -50,6 +50,10 @@ class VersionError(OcplannerError, ImportError):
     """An installed dependency is outside the range that works."""
 
 
+class ResultFileError(OcplannerError):
+    """A result file or run folder is missing or damaged, or holds nothing to report."""
+
+
 class OutputError(OcplannerError):
     """A result cannot be written: disk full, read-only folder, or another process is writing it."""
 

@@ -1,1 +1,1 @@
-"""Plots, videos and the report page."""
+"""Charts, pictures of plans, videos and the report page."""

@@ -1,0 +1,118 @@
+"""Plans drawn over camera images: Figures 5, 6 and 8 of the paper. Pixels are (x, y) from the upper left corner."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ocplanner.errors import ShapeError
+from ocplanner.report.style import ACHIEVED, PLANNED, new_figure, styled
+
+_OUTLINE = "#10151c"
+
+
+def plan_grid(
+    images: Sequence[np.ndarray],
+    planned: Sequence[np.ndarray],
+    true: Sequence[np.ndarray],
+    *,
+    titles: Sequence[str] | None = None,
+    columns: int = 4,
+    title: str = "",
+) -> Figure:
+    """Figures 5 and 6: planned trajectories in red dots, true ones in cyan, over the images the plans were made from.
+
+    Args:
+        images: each (h, w, 3) uint8, upright.
+        planned: for each image, (H, 2) pixels of the planned object positions.
+        true: for each image, (H, 2) pixels of the positions that the demonstration went through.
+        titles: one short line above each image.
+        columns: images in a row.
+        title: above the whole grid.
+
+    Raises:
+        ShapeError: the lists differ in length, are empty, or an element has another shape.
+    """
+    if not len(images) or not len(images) == len(planned) == len(true) == len(titles or images):
+        raise ShapeError("plan_grid: images, planned, true and titles must have one equal length of at least 1")
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    with styled():
+        height, width = np.shape(images[0])[:2]
+        figure = new_figure(
+            7.4, (7.4 / columns * height / width + (0.1 if titles else 0)) * rows + (0.5 if title else 0.3)
+        )
+        grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+        for axes in grid[len(images) :]:
+            axes.set_axis_off()
+        for i, (axes, image) in enumerate(zip(grid, images)):
+            _show(axes, image)
+            _path(axes, true[i], ACHIEVED, "true", "o-", 1.6, 1.6)
+            _path(axes, planned[i], PLANNED, "planned", "o", 0, 1.9)
+            if titles:
+                axes.set_title(titles[i], fontsize=7.5, fontweight="normal", pad=3)
+        handles, labels = grid[0].get_legend_handles_labels()
+        figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=2, markerscale=2.5)
+        if title:
+            figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+    return figure
+
+
+def film_strip(
+    frames: Sequence[np.ndarray],
+    *,
+    count: int = 8,
+    columns: int | None = None,
+    titles: Sequence[str] | None = None,
+    title: str = "",
+) -> Figure:
+    """Figure 8: ``count`` frames of a run, evenly spaced from the first to the last.
+
+    Args:
+        frames: (T, h, w, 3) uint8, upright.
+        count: how many to show; all if there are fewer.
+        columns: frames in a row, by default all in one row.
+        titles: one short line for each of ``frames`` (not only those shown).
+        title: above the strip.
+
+    Raises:
+        ShapeError: no frames, or titles of another length.
+    """
+    if not len(frames) or (titles is not None and len(titles) != len(frames)):
+        raise ShapeError("film_strip: need at least one frame, and one title a frame if any")
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))
+    columns = min(columns or len(chosen), len(chosen))
+    rows = -(-len(chosen) // columns)
+    height, width = np.shape(frames[0])[:2]
+    with styled():
+        label = 0.2 if titles else 0.04
+        figure = new_figure(9.6, (9.6 / columns * height / width + label) * rows + (0.3 if title else 0.05))
+        grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+        for axes in grid:
+            axes.set_axis_off()
+        for axes, index in zip(grid, chosen):
+            _show(axes, frames[index])
+            if titles:
+                axes.set_title(titles[index], fontsize=7.5, fontweight="normal", pad=3)
+        if title:
+            figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+    return figure
+
+
+def _show(axes: Axes, image: np.ndarray) -> None:
+    image = np.asarray(image)
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise ShapeError(f"image: expected (h, w, 3) uint8, found {image.shape} {image.dtype}")
+    height, width = image.shape[:2]
+    axes.imshow(image, interpolation="lanczos" if width < 200 else "antialiased")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    axes.set_axis_off()
+
+
+def _path(axes: Axes, pixels: np.ndarray, color: str, label: str, marks: str, line: float, size: float) -> None:
+    pixels = np.asarray(pixels, dtype=np.float64)
+    if pixels.ndim != 2 or pixels.shape[1] != 2:
+        raise ShapeError(f"{label}: expected (H, 2) pixels, found {pixels.shape}")
+    edge = {"markeredgecolor": _OUTLINE, "markeredgewidth": 0.25}
+    axes.plot(pixels[:, 0], pixels[:, 1], marks, color=color, markersize=size, linewidth=line, label=label, **edge)

@@ -1,0 +1,191 @@
+"""Charts of training and of results: Figure 4 and Figure 7 of the paper, success rates, failure classes, kept spans.
+
+Every function returns a new :class:`matplotlib.figure.Figure`; :func:`ocplanner.report.style.save_figure` writes it.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+
+from ocplanner.errors import InvalidValueError, ShapeError
+from ocplanner.report.results import TransferGroup, failure_classes
+from ocplanner.report.runs import Run, run_labels
+from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
+
+_LINES = ("-", "--", "-.", ":")
+_ERRORS = (
+    ("ade_mm", "mean error (ADE), mm"),
+    ("fde_mm", "final error (FDE), mm"),
+    ("rotation_deg", "rotation, degrees"),
+)
+
+
+def loss_curves(runs: Sequence[Run]) -> Figure:
+    """Figure 4: validation loss of (a) the LSTM-VAE and (b) the latent predictor, one line a run."""
+    panels = (("vae", "(a) LSTM-VAE, validation loss"), ("predictor", "(b) Latent predictor, validation loss"))
+    with styled():
+        figure = new_figure(7.4, 2.9)
+        for axes, (stage, title) in zip(figure.subplots(1, 2), panels):
+            _curves(axes, runs, stage, "loss")
+            axes.set(title=title, yscale="log")
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_minor_formatter(
+                FuncFormatter(lambda value, _: f"{value:g}" if _leading(value) in "25" else "")
+            )
+        _shared_legend(figure)
+    return figure
+
+
+def error_curves(runs: Sequence[Run]) -> Figure:
+    """Held-out errors of the whole planner, image to plan, over training: ADE and FDE in mm, rotation in degrees."""
+    with styled():
+        figure = new_figure(7.4, 2.6)
+        for axes, (value, title) in zip(figure.subplots(1, len(_ERRORS)), _ERRORS):
+            _curves(axes, runs, "predictor", value)
+            axes.set(title=title)
+            axes.set_ylim(bottom=0)
+        _shared_legend(figure)
+    return figure
+
+
+def _curves(axes: Axes, runs: Sequence[Run], stage: str, value: str) -> None:
+    drawn = False
+    for i, (run, label) in enumerate(zip(runs, run_labels(runs))):
+        steps, values = run.series(stage, "valid", value)
+        if len(steps):
+            marker = "o" if len(steps) < 3 else None
+            line = _LINES[i // len(SERIES) % len(_LINES)]
+            axes.plot(steps, values, line, color=SERIES[i % len(SERIES)], label=label, marker=marker, markersize=4)
+            drawn = True
+    axes.set_xlabel("training step")
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / 1000:g}k" if step >= 1000 else f"{step:g}"))
+    if not drawn:
+        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=MUTED)
+
+
+def _shared_legend(figure: Figure) -> None:
+    entries = {}
+    for axes in figure.axes:
+        entries |= dict(zip(*reversed(axes.get_legend_handles_labels())))
+    if len(entries) > 1:
+        columns = min(len(entries), 4)
+        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+
+
+def _leading(value: float) -> str:
+    return f"{value:.0e}"[0]
+
+
+def success_rates(groups: Sequence[TransferGroup]) -> Figure:
+    """Success rates: a bar at the mean over planners, a dot for each planner with its 95 % Wilson interval."""
+    with styled():
+        figure = new_figure(7.4, 0.75 + sum(_row_height(group) for group in groups))
+        axes = figure.subplots()
+        top = 0.0
+        ticks = []
+        for group in groups:
+            height = _row_height(group)
+            center = top + height / 2
+            ticks.append(center)
+            axes.barh(center, group.mean_rate, height=height * 0.72, color=SERIES[0], alpha=0.22)
+            offsets = np.arange(len(group.records)) - (len(group.records) - 1) / 2
+            for record, offset in zip(group.records, offsets):
+                low, high = record.interval
+                y = center + offset * 0.16
+                axes.plot([low, high], [y, y], color=SERIES[0], linewidth=1.4, solid_capstyle="butt")
+                axes.plot(record.rate, y, "o", color=SERIES[0], markersize=4.5)
+            counts = ", ".join(f"{record.successes}/{record.episodes}" for record in group.records)
+            axes.text(1.02, center, counts, va="center", fontsize=8, transform=axes.get_yaxis_transform())
+            top += height
+        axes.set_yticks(ticks, [group.title for group in groups])
+        axes.set(xlim=(0, 1.0), ylim=(top, 0), xlabel="success rate, with 95 % Wilson intervals")
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def _row_height(group: TransferGroup) -> float:
+    return max(0.34, 0.2 + 0.16 * len(group.records))
+
+
+def failure_matrix(groups: Sequence[TransferGroup]) -> Figure:
+    """How many episodes failed in each class, one row a group."""
+    classes = failure_classes(groups)
+    counts = np.array([[group.failures()[name] for name in classes] for group in groups])
+    shades = LinearSegmentedColormap.from_list("failures", ["#ffffff", SERIES[1]])
+    with styled():
+        figure = new_figure(7.4, 1.0 + 0.32 * len(groups))
+        axes = figure.subplots()
+        axes.imshow(counts, cmap=shades, vmin=0, vmax=max(1, counts.max()) * 1.4, aspect="auto")
+        for (row, column), count in np.ndenumerate(counts):
+            axes.text(column, row, str(count), ha="center", va="center", color=INK if count else MUTED, fontsize=8)
+        axes.set_yticks(range(len(groups)), [group.title for group in groups])
+        axes.set_xticks(range(len(classes)), [name.replace(" ", "\n", 1) for name in classes])
+        axes.xaxis.tick_top()
+        axes.tick_params(length=0)
+        axes.grid(visible=False)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+    return figure
+
+
+def latent_map(latents: Sequence[np.ndarray], *, seed: int = 0) -> Figure:
+    """Figure 7: t-SNE of the latent plans along demonstrations, coloured by normalised time.
+
+    Args:
+        latents: one array (T_i, latent) a demonstration, in order of time.
+        seed: of t-SNE.
+
+    Raises:
+        ShapeError: an array is not two-dimensional or their widths differ.
+        InvalidValueError: fewer than 4 latents in all, or one is not finite.
+    """
+    from sklearn.manifold import TSNE
+
+    if not latents or any(np.ndim(part) != 2 or np.shape(part)[1] != np.shape(latents[0])[1] for part in latents):
+        raise ShapeError("latents: expected one array (T, latent) a demonstration, all of one width")
+    stacked = np.concatenate(latents).astype(np.float64)
+    if len(stacked) < 4 or not np.isfinite(stacked).all():
+        raise InvalidValueError(f"latents: need at least 4 finite ones for t-SNE, found {len(stacked)}")
+    perplexity = min(30.0, (len(stacked) - 1) / 3)
+    flat = TSNE(perplexity=perplexity, random_state=seed, init="pca", n_jobs=1).fit_transform(stacked)
+    with styled():
+        figure = new_figure(5.2, 4.2)
+        axes = figure.subplots()
+        start = 0
+        for part in latents:
+            span = flat[start : start + len(part)]
+            start += len(part)
+            axes.plot(span[:, 0], span[:, 1], color=GRID, linewidth=0.8, zorder=1)
+        time = np.concatenate([np.linspace(0, 1, len(part)) for part in latents])
+        dots = axes.scatter(flat[:, 0], flat[:, 1], c=time, cmap="viridis", s=14, linewidths=0, zorder=2)
+        bar = figure.colorbar(dots, ax=axes, ticks=[0, 0.5, 1], shrink=0.85)
+        bar.ax.set_yticklabels(["grasp", "half-way", "release"])
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        axes.set(title=f"Latent plans along {len(latents)} demonstrations (t-SNE)", xticks=[], yticks=[])
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+    return figure
+
+
+def kept_spans(spans: Mapping[str, tuple[int, int, int]]) -> Figure:
+    """Which frames of each demonstration are kept: name -> (start, stop, length), in control steps."""
+    with styled():
+        figure = new_figure(7.4, 0.8 + 0.16 * len(spans))
+        axes = figure.subplots()
+        for row, (start, stop, length) in enumerate(spans.values()):
+            axes.broken_barh([(0, length)], (row - 0.4, 0.8), color=GRID)
+            axes.broken_barh([(start, stop - start)], (row - 0.4, 0.8), color=SERIES[2])
+        axes.set_yticks(range(len(spans)), list(spans), fontsize=7)
+        axes.set(
+            xlabel="control step", ylim=(len(spans) - 0.5, -0.5), title="Frames kept: the robot manipulates the object"
+        )
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0)
+    return figure

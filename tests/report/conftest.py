@@ -1,0 +1,68 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def write_run(tmp_path):
+    """Writes a run folder as training leaves it."""
+
+    def write(name: str, horizon: int = 20, seed: int = 0, steps: int = 5) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "config.yaml").write_text(
+            f"task: Square\nhorizon: {horizon}\noutputs: pose\nobserve: masked\nseed: {seed}\n"
+        )
+        rows = [
+            {
+                "step": 100 * i,
+                "stage": stage,
+                "split": split,
+                "loss": 2.0 / (i + 1),
+                "ade_mm": 30.0 - i,
+                "fde_mm": 40.0 - i,
+                "rotation_deg": 9.0 - i,
+            }
+            for stage in ("vae", "predictor")
+            for i in range(steps)
+            for split in ("train", "valid")
+        ]
+        (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return folder
+
+    return write
+
+
+@pytest.fixture
+def write_result(tmp_path):
+    """Writes a transfer result as ``ocplanner transfer`` does."""
+
+    def write(name: str = "transfer", *, successes: int = 2, failures: tuple[str, ...] = ("slip",), **changes) -> Path:
+        outcomes = [None] * successes + list(failures)
+        runs = [
+            {"seed": 10000 + i, "success": failure is None, "steps": 150 + i, "failure": failure}
+            for i, failure in enumerate(outcomes)
+        ]
+        content = {
+            "task": "Square", "robot": "Sawyer", "follow": "gated", "observe": "masked",
+            "patches": ["sawyer-base-contact"],
+            "episodes": len(runs), "successes": successes, "interval": [0.2, 0.9],
+            "planner_sha256": "ab" * 32, "command": "ocplanner transfer --robot Sawyer",
+            "versions": {"mujoco": "3.9.0"}, "runs": runs,
+        }  # fmt: skip
+        path = tmp_path / f"{name}.json"
+        path.write_text(json.dumps(content | changes))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def frames() -> np.ndarray:
+    """Twelve frames of a dark square that moves right over a light ground, (12, 64, 96, 3) uint8."""
+    images = np.full((12, 64, 96, 3), 230, dtype=np.uint8)
+    for i, image in enumerate(images):
+        image[28:36, 4 * i : 4 * i + 8] = 40
+    return images
