@@ -221,7 +221,7 @@ class ManipulationEnv:
         return bool(self._env._check_success())
 
     def in_contact(self, object_name: str | None = None) -> bool:
-        """Whether both sides of the gripper touch an object (privileged: for telling failures apart, not for control)."""
+        """Whether both sides of the gripper touch an object. Privileged: tells failures apart, not for control."""
         body = self._objects[self.task.object(object_name).name][0]
         return self._gripper.touches(np.flatnonzero(self.model.geom_bodyid == body))
 

@@ -1,5 +1,7 @@
 """Drawing a MuJoCo scene into an array, off screen."""
 
+import atexit
+import weakref
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,13 @@ from ocplanner.envs.visuals import MASK_MATERIAL, VisualPreset
 
 _HIDDEN_GROUP = 5
 _VISUAL_GROUP = 1
+
+_open: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
+
+
+def _close_all() -> None:
+    for renderer in list(_open):
+        renderer.close()
 
 
 class Renderer:
@@ -53,6 +62,10 @@ class Renderer:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except Exception as error:  # each OpenGL backend raises its own classes
             raise rendering_error(error) from error
+        if not _open:
+            # After mujoco's own exit handler is in place, so that this one runs before it.
+            atexit.register(_close_all)
+        _open.add(self)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite + 200)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = preset.shadows
@@ -117,6 +130,7 @@ class Renderer:
             self._context.free()
             self._gl.free()
             self._gl = None
+            _open.discard(self)
 
     def _draw(self, camera: int, options: Any) -> np.ndarray:
         self._gl.make_current()
