@@ -120,7 +120,7 @@ class DatasetWriter:
             for name in names:
                 with h5py.File(self.parts / f"{name}.hdf5", "r") as part:
                     part.copy("demo", data, name=name)
-                total += len(data[f"{name}/actions"])
+                total += int(np.asarray(data.require_group(name).attrs["num_samples"]).item())
             data.attrs.update({**self._attrs, "total": total})
             for mask, listed in (masks or {}).items():
                 file.create_dataset(f"mask/{mask}", data=np.array([name.encode() for name in listed], dtype="S"))
