@@ -18,6 +18,8 @@ _REMEDIES = {
     errno.EACCES: "no permission to write there; choose another output folder",
     errno.EPERM: "no permission to write there; choose another output folder",
     errno.EROFS: "the folder is read-only; choose another output folder",
+    errno.EFBIG: "the file is larger than the system allows; raise the limit or choose another output folder",
+    errno.EEXIST: "a part of the path is a file, not a folder; choose another output path",
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another output path",
     errno.EISDIR: "the path is a folder; give the name of a file",
 }

@@ -1,0 +1,144 @@
+"""Data that the tests of several rooms share: the real Square recordings where present, and a synthetic stand-in."""
+
+import functools
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+PANDA_HOME = np.array([0.0, 0.196, 0.0, -2.618, 0.0, 2.942, 0.785])
+GRASP_STEP, LIFT_STEP, RELEASE_STEP, STEPS = 24, 30, 78, 90
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder with real recordings: $OCPLANNER_DATA, else ../shared/data beside the repository."""
+    return Path(os.environ.get("OCPLANNER_DATA") or Path(__file__).parents[2] / "shared" / "data")
+
+
+@pytest.fixture(scope="session")
+def square_ph(data_folder: Path) -> Path:
+    """robomimic's Square PH data set (200 human demonstrations, states only)."""
+    path = data_folder / "square_ph.hdf5"
+    if not path.is_file():
+        pytest.skip(
+            f"robomimic's Square PH is not at {path}; the README says how to get it, OCPLANNER_DATA where it is"
+        )
+    return path
+
+
+@pytest.fixture(scope="session")
+def tiny_square(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """``tiny_square(env_version="1.4.1", images=False) -> Path``: 4 synthetic Square demonstrations.
+
+    A Panda that grasps the nut, carries and turns it, lowers it onto the peg and opens: shapes, frames, order of
+    ``object`` and attributes are those of the version; ``1.5.1`` adds ``model_file`` and ``next_obs``. Masks ``train``
+    (demo_0, demo_1, demo_10) and ``valid`` (demo_2).
+    """
+    folder = tmp_path_factory.mktemp("tiny_square")
+
+    @functools.cache
+    def make(env_version: str = "1.4.1", images: bool = False) -> Path:
+        path = folder / f"square_{env_version}{'_images' if images else ''}.hdf5"
+        _write_tiny_square(path, env_version, images)
+        return path
+
+    return make
+
+
+def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:
+    modern = env_version >= "1.5"
+    osc = {"type": "OSC_POSE", "input_max": 1, "input_min": -1}
+    controllers = {"type": "BASIC", "body_parts": {"right": osc}} if modern else osc
+    env_args = {
+        "env_name": "NutAssemblySquare",
+        "env_version": env_version,
+        "env_type" if modern else "type": 1,
+        "env_kwargs": {"robots": ["Panda"], "control_freq": 20, "controller_configs": controllers},
+    }
+    with h5py.File(path, "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps(env_args, indent=4)
+        data.attrs["total"] = 4 * STEPS
+        for seed, name in enumerate(("demo_0", "demo_1", "demo_10", "demo_2")):
+            rng = np.random.default_rng(seed)
+            demo = data.create_group(name)
+            demo.attrs["num_samples"] = STEPS
+            arrays = _tiny_demonstration(rng, modern)
+            if images:
+                arrays["obs/agentview_image"] = rng.integers(0, 256, (STEPS, 84, 84, 3), dtype=np.uint8)
+            if modern:
+                demo.attrs["model_file"] = '<mujoco model="base"></mujoco>'
+                for key in [key for key in arrays if key.startswith("obs/")]:
+                    arrays[f"next_{key}"] = np.concatenate([arrays[key][1:], arrays[key][-1:]])
+            for key, array in arrays.items():
+                demo.create_dataset(key, data=array)
+        file["mask/train"] = np.array([b"demo_0", b"demo_1", b"demo_10"])
+        file["mask/valid"] = np.array([b"demo_2"])
+
+
+def _tiny_demonstration(rng: np.random.Generator, modern: bool) -> dict[str, np.ndarray]:
+    rest = np.array([rng.uniform(-0.115, -0.11), rng.uniform(0.11, 0.225), 0.83])
+    above_peg = np.array([0.23, 0.10, 1.0])
+    ease = _smooth(np.clip((np.arange(STEPS) - LIFT_STEP) / (RELEASE_STEP - 12 - LIFT_STEP), 0, 1))
+    nut_pos = rest + ease[:, None] * (above_peg - rest)
+    lower = _smooth(np.clip((np.arange(STEPS) - (RELEASE_STEP - 12)) / 10, 0, 1))
+    nut_pos[:, 2] -= 0.08 * lower
+    eef_pos = nut_pos + np.array([0.05, 0.0, 0.01])  # the handle is grasped beside the nut's centre
+    eef_pos[:LIFT_STEP, 2] += np.linspace(0.15, 0, LIFT_STEP)
+    nut_pos[RELEASE_STEP:, 2] = np.maximum(0.829, 0.92 - 0.03 * np.arange(STEPS - RELEASE_STEP))
+    nut_pos[:6, 2] = [0.89, 0.877, 0.84, 0.822, 0.826, 0.828]
+    yaw = rng.uniform(-1, 1) + ease * 0.8
+    nut_quat = np.stack([0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)], axis=1)
+    eef_quat = np.stack([np.cos(yaw / 2), np.sin(yaw / 2), 0 * yaw, 0 * yaw], axis=1)  # pointing down
+
+    seen_pos, seen_quat = nut_pos, nut_quat
+    if modern:  # robosuite 1.5 computes the relative pose from the object's pose one step earlier
+        seen_pos, seen_quat = (np.concatenate([a[:1], a[:-1]]) for a in (nut_pos, nut_quat))
+    inverse = eef_quat * [-1, -1, -1, 1]
+    relative_pos = _rotate(inverse, seen_pos - eef_pos)
+    relative_quat = _multiply(inverse, seen_quat)
+    if modern:
+        relative_pos[0], relative_quat[0] = 0, 0
+    poses = [nut_pos, nut_quat, relative_pos, relative_quat]
+    gripper = np.where((np.arange(STEPS) >= GRASP_STEP) & (np.arange(STEPS) < RELEASE_STEP), 1.0, -1.0)
+    actions = np.zeros((STEPS, 7))
+    actions[:-1, :3] = np.clip(np.diff(eef_pos, axis=0) / 0.05, -1, 1)
+    actions[:, 6] = gripper
+    opening = np.where(gripper > 0, 0.01, 0.04)
+    states = np.zeros((STEPS, 45))
+    states[:, 0] = np.arange(STEPS) / 20
+    states[:, 1:8] = PANDA_HOME + rng.normal(0, 0.02, 7)
+    states[:, 8], states[:, 9] = opening, -opening
+    states[:, 10:17] = np.concatenate([nut_pos, nut_quat[:, [3, 0, 1, 2]]], axis=1)
+    states[:, 17:24] = [0, 0, 10, 1, 0, 0, 0]
+    rewards = (np.arange(STEPS) >= STEPS - 3).astype(float)
+    return {
+        "actions": actions,
+        "states": states,
+        "rewards": rewards,
+        "dones": rewards.astype(np.int64),
+        "obs/object": np.concatenate(poses[2:] + poses[:2] if modern else poses, axis=1),
+        "obs/robot0_eef_pos": eef_pos,
+        "obs/robot0_eef_quat": eef_quat,
+        "obs/robot0_gripper_qpos": np.stack([opening, -opening], axis=1),
+    }
+
+
+def _smooth(fraction: np.ndarray) -> np.ndarray:
+    return fraction**2 * (3 - 2 * fraction)
+
+
+def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton product of (T, 4) quaternions, xyzw."""
+    vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
+    return np.concatenate([vector, a[:, 3:] * b[:, 3:] - np.sum(a[:, :3] * b[:, :3], axis=1, keepdims=True)], axis=1)
+
+
+def _rotate(quat_xyzw: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    pure = np.concatenate([vectors, np.zeros((len(vectors), 1))], axis=1)
+    return _multiply(_multiply(quat_xyzw, pure), quat_xyzw * [-1, -1, -1, 1])[:, :3]
