@@ -1,0 +1,89 @@
+"""The verb ``train-planner``."""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ocplanner.planner.config import Observe, Outputs, PlannerTraining, Preset, preset
+
+
+@dataclass(frozen=True)
+class TrainPlanner:
+    """Train an object-centric planner on a rendered data set; run the same command again to continue after a stop."""
+
+    data: Path
+    """Robomimic HDF5 with images, made by `ocplanner render` or `ocplanner collect`."""
+    run_folder: Annotated[Path, tyro.conf.arg(name="run")]
+    """Run folder: config.yaml, metrics.jsonl, TensorBoard events, checkpoints and planner.safetensors."""
+    preset: Preset = "cpu"
+    """cpu: a small encoder, minutes on one core. robomimic: ResNet18 and spatial softmax, for a GPU."""
+    horizon: int = 20
+    """Steps planned ahead (5, 20 or 50 in the paper)."""
+    outputs: Outputs = "pose"
+    """Plan the object's pose or only its position."""
+    observe: Observe = "masked"
+    """What the images show; must be how the data set was rendered."""
+    cameras: tuple[str, ...] = ("agentview",)
+    """Cameras that the planner reads."""
+    seed: int = 0
+    """Decides initial weights, batches and augmentation."""
+    modes: int | None = None
+    """Alternative plans per image."""
+    encoder: Literal["small", "resnet18"] | None = None
+    """Image encoder instead of the preset's."""
+    latent_loss: Literal["l2", "kl"] | None = None
+    """Loss of the latent predictor: L2 on {mu, sigma} or KL divergence."""
+    c_pos: float | None = None
+    """Weight of the position error."""
+    c_rot: float | None = None
+    """Weight of the rotation error."""
+    kl_weight: float | None = None
+    """Weight of the VAE's KL divergence."""
+    vae_steps: int | None = None
+    """Steps of stage 1, the trajectory VAE."""
+    predictor_steps: int | None = None
+    """Steps of stage 2, the latent predictor."""
+    finetune_steps: int | None = None
+    """Steps of stage 3, predictor and decoder on the trajectory loss; 0: none."""
+    keep: Literal["better", "predictor", "finetune"] = "better"
+    """Which stage's network becomes the planner; better: on held-out demonstrations."""
+    threads: int = 1
+    """CPU threads; the weights are reproducible for one count."""
+    device: str = "cpu"
+    """torch device."""
+
+    def configuration(self) -> PlannerTraining:
+        """The preset with these flags applied."""
+        base = preset(self.preset)
+        encoder = base.network.encoder
+        if self.encoder is not None and self.encoder != encoder.type:
+            encoder = preset("cpu" if self.encoder == "small" else "robomimic").network.encoder
+        modes = base.network.modes if self.modes is None else self.modes
+        network = replace(base.network, horizon=self.horizon, outputs=self.outputs, modes=modes, encoder=encoder)
+        weights = {"latent": self.latent_loss, "position": self.c_pos, "rotation": self.c_rot, "kl": self.kl_weight}
+        steps = {"vae": self.vae_steps, "predictor": self.predictor_steps, "finetune": self.finetune_steps}
+        stages = {name: replace(getattr(base, name), steps=count) for name, count in steps.items() if count is not None}
+        return replace(
+            base,
+            observe=self.observe,
+            cameras=self.cameras,
+            seed=self.seed,
+            network=network,
+            loss=replace(base.loss, **{name: value for name, value in weights.items() if value is not None}),
+            keep=self.keep,
+            threads=self.threads,
+            device=self.device,
+            **stages,
+        )
+
+    def run(self) -> None:
+        """Train, then print the planner file's path."""
+        from ocplanner.planner.train import train_planner
+
+        sys.stdout.write(f"{train_planner(self.configuration(), self.data, self.run_folder)}\n")
+
+
+COMMAND = TrainPlanner

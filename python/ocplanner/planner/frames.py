@@ -1,0 +1,260 @@
+"""Training frames in memory: images, masks and the object's future of every kept step of a rendered data set."""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.layouts import TASK_OBJECTS
+from ocplanner.demos.segments import manipulation_segment
+from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.planner.config import PlannerTraining
+
+VALID_SHARE = 0.1
+"""Share of demonstrations held out when the data set has no mask/train and mask/valid."""
+
+
+@dataclass(frozen=True)
+class CameraFrames:
+    """One camera's pictures of N frames.
+
+    Attributes:
+        scene: (N, h, w, 3) uint8; with a mask the scene without the robot, else the picture as it is.
+        mask: (N, h, w) bool, the source robot's pixels; None unless the robot is to be painted over.
+        silhouettes: (N, K, h, w) bool, other arms' pixels with their end effector where the source's is, all False
+            where out of reach; or None.
+    """
+
+    scene: np.ndarray
+    mask: np.ndarray | None = None
+    silhouettes: np.ndarray | None = None
+
+    def take(self, rows: np.ndarray) -> "CameraFrames":
+        """Only the given frames."""
+        return CameraFrames(*(None if array is None else array[rows] for array in self))  # type: ignore[arg-type]
+
+    def __iter__(self) -> Iterator[np.ndarray | None]:
+        """The three arrays."""
+        return iter((self.scene, self.mask, self.silhouettes))
+
+
+@dataclass(frozen=True)
+class Frames:
+    """N kept frames.
+
+    Attributes:
+        cameras: pictures by camera name.
+        positions: (N, H, 3) float32 world positions of the object at t+1 ... t+H, metres.
+        rotations: (N, H, 3, 3) float32, object -> world.
+        demonstration: (N,) int32, which demonstration a frame comes from.
+        remaining: (N,) int32, steps until its kept segment ends; 1 for the last frame.
+        names: the demonstrations' names, indexed by ``demonstration``.
+    """
+
+    cameras: dict[str, CameraFrames]
+    positions: np.ndarray
+    rotations: np.ndarray
+    demonstration: np.ndarray
+    remaining: np.ndarray
+    names: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.positions)
+
+    def take(self, rows: np.ndarray) -> "Frames":
+        """Only the given frames."""
+        cameras = {name: frames.take(rows) for name, frames in self.cameras.items()}
+        parts = (self.positions, self.rotations, self.demonstration, self.remaining)
+        return Frames(cameras, *(part[rows] for part in parts), names=self.names)
+
+    def replace_masks(self, arm: int) -> "Frames":
+        """The frames as they would look with another arm: silhouette ``arm`` instead of the source robot's mask.
+
+        Frames that the arm cannot reach are left out.
+        """
+        reached = np.ones(len(self), bool)
+        cameras = {}
+        for name, frames in self.cameras.items():
+            if frames.silhouettes is None or arm >= frames.silhouettes.shape[1]:
+                raise DatasetError(
+                    f"camera {name!r} has no silhouette {arm}; render with --observe masked and more --silhouettes"
+                )
+            cameras[name] = replace(frames, mask=frames.silhouettes[:, arm])
+            reached &= frames.silhouettes[:, arm].any(axis=(1, 2))
+        return replace(self, cameras=cameras).take(np.flatnonzero(reached))
+
+    def digest(self) -> str:
+        """A checksum of everything that training reads."""
+        value = 0
+        arrays = [self.positions, self.rotations, self.demonstration]
+        for name in sorted(self.cameras):
+            arrays += [array for array in self.cameras[name] if array is not None]
+        for array in arrays:
+            value = zlib.crc32(np.ascontiguousarray(array).tobytes(), value)
+        return f"{value:08x}"
+
+
+class Future(NamedTuple):
+    """What follows each frame: positions (n, H, 3), rotations (n, H, 3, 3)."""
+
+    positions: np.ndarray
+    rotations: np.ndarray
+
+
+def future(positions: np.ndarray, rotations: np.ndarray, start: int, stop: int, horizon: int) -> Future:
+    """Poses at t+1 ... t+H for every t in start ... stop - 1, padded with the segment's last pose.
+
+    Args:
+        positions: (T, 3) of a whole demonstration, metres.
+        rotations: (T, 3, 3).
+        start: first kept step.
+        stop: one past the last kept step.
+        horizon: H.
+    """
+    steps = np.arange(start, stop)[:, None] + np.arange(1, horizon + 1)[None, :]
+    steps = np.minimum(steps, stop - 1)
+    return Future(positions[steps].astype(np.float32), rotations[steps].astype(np.float32))
+
+
+class DataSettings(NamedTuple):
+    """What a data set says about itself, as far as a planner must know it."""
+
+    task: str
+    object_name: str
+    source_robot: str
+    visual: str | None
+    mask_rgb: tuple[int, int, int] | None
+    silhouettes: tuple[str, ...]
+
+
+def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSettings:
+    """Check that a data set fits a configuration, and read what travels into the planner file.
+
+    Raises:
+        DatasetError: its task is unknown, it has no images, or lacks a camera that the configuration names.
+        MismatchError: it was rendered in another observe mode or size.
+    """
+    render: dict[str, Any] = demos.render_settings or {}
+    observe = config.observe
+    remedy = f"`ocplanner render {demos.path} --observe {observe} --cameras {' '.join(config.cameras)}`"
+    if demos.env_name not in TASK_OBJECTS:
+        raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {', '.join(sorted(TASK_OBJECTS))}")
+    if not demos.cameras:
+        raise DatasetError(f"{demos.path}: no images in it; add them with {remedy}")
+    missing = [camera for camera in config.cameras if camera not in demos.cameras]
+    if missing:
+        raise DatasetError(
+            f"{demos.path}: no images of camera {', '.join(missing)} (there are: {', '.join(demos.cameras)}); "
+            f"add them with {remedy}, or choose with --cameras"
+        )
+    rendered = render.get("observe", "full")
+    if rendered != observe:
+        raise MismatchError(
+            f"{demos.path} shows observe={rendered}, the training wants observe={observe}; "
+            f"render again with {remedy}, or train with --observe {rendered}"
+        )
+    size = demos[0].images(config.cameras[0], slice(0, 1)).shape[1:3]
+    wanted = config.network.image_size
+    if size != (wanted, wanted):
+        raise MismatchError(
+            f"{demos.path}: images are {size[1]}x{size[0]}, the planner wants {wanted}x{wanted}; use {remedy}"
+        )
+    if observe == "masked" and not render.get("mask_rgb"):
+        raise DatasetError(f"{demos.path}: the data set does not say its mask colour; render again with {remedy}")
+    task = TASK_OBJECTS[demos.env_name]
+    colour = render.get("mask_rgb")
+    return DataSettings(
+        task=task.task,
+        object_name=task.objects[0],
+        source_robot="+".join(demos.robots),
+        visual=render.get("visual"),
+        mask_rgb=None if colour is None or observe != "masked" else (int(colour[0]), int(colour[1]), int(colour[2])),
+        silhouettes=tuple(render.get("silhouettes") or ()),
+    )
+
+
+class Split(NamedTuple):
+    """Names of the demonstrations trained on and held out, and where the split comes from."""
+
+    train: list[str]
+    valid: list[str]
+    source: str
+
+
+def split(demos: Demonstrations, seed: int) -> Split:
+    """``mask/train`` and ``mask/valid``, or a seeded split when the data set has no such masks.
+
+    Raises:
+        DatasetError: fewer than two demonstrations, or the masks overlap or are empty.
+    """
+    if {"train", "valid"} <= set(demos.mask_names):
+        train, valid = demos.mask("train"), demos.mask("valid")
+        both = sorted(set(train) & set(valid))
+        if both or not train or not valid:
+            fault = f"share {', '.join(both[:3])}" if both else "must both name demonstrations"
+            raise DatasetError(f"{demos.path}: mask/train and mask/valid {fault}; mend the masks")
+        return Split(train, valid, "mask/train and mask/valid")
+    if len(demos) < 2:
+        raise DatasetError(f"{demos.path}: {len(demos)} demonstration; at least 2 are needed, one of them to hold out")
+    order = np.random.default_rng([seed, len(demos)]).permutation(len(demos))
+    held = max(1, round(VALID_SHARE * len(demos)))
+    names = [demos.names[i] for i in order]
+    return Split(
+        sorted(names[held:]), sorted(names[:held]), f"no masks: {held} demonstrations held out at random, seed {seed}"
+    )
+
+
+def load_frames(demos: Demonstrations, names: Sequence[str], config: PlannerTraining, object_name: str) -> Frames:
+    """Read the kept frames of the named demonstrations, images as uint8 in memory.
+
+    Raises:
+        DatasetError: an array is missing or no frame is kept.
+    """
+    parts = [_one(demos[name], config, object_name) for name in names]
+    counts = [len(positions.positions) for positions, _ in parts]
+    if sum(counts) == 0:
+        raise DatasetError(f"{demos.path}: the object {object_name} never moves in the {len(names)} demonstrations")
+    cameras = {}
+    for camera in config.cameras:
+        pictures = [images[camera] for _, images in parts]
+        scene, mask, silhouettes = (_join(arrays) for arrays in zip(*pictures))
+        if scene is not None:
+            cameras[camera] = CameraFrames(scene, mask, silhouettes)
+    return Frames(
+        cameras=cameras,
+        positions=np.concatenate([part.positions for part, _ in parts]),
+        rotations=np.concatenate([part.rotations for part, _ in parts]),
+        demonstration=np.repeat(np.arange(len(names), dtype=np.int32), counts),
+        remaining=np.concatenate([np.arange(count, 0, -1, dtype=np.int32) for count in counts]),
+        names=tuple(names),
+    )
+
+
+def _one(demo: Demonstration, config: PlannerTraining, object_name: str) -> tuple[Future, dict[str, CameraFrames]]:
+    positions, rotations = demo.object_poses(object_name)
+    segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
+    kept = slice(segment.start, segment.stop)
+    pictures = {camera: _pictures(demo, camera, kept, config.observe) for camera in config.cameras}
+    return future(positions, rotations, segment.start, segment.stop, config.network.horizon), pictures
+
+
+def _pictures(demo: Demonstration, camera: str, kept: slice, observe: str) -> CameraFrames:
+    if observe != "masked":
+        return CameraFrames(demo.images(camera, kept))
+    keys = demo.observation_keys
+    silhouettes = f"{camera}_silhouettes"
+    return CameraFrames(
+        scene=demo.observation(f"{camera}_empty", kept),
+        mask=demo.observation(f"{camera}_mask", kept).astype(bool),
+        silhouettes=demo.observation(silhouettes, kept).astype(bool) if silhouettes in keys else None,
+    )
+
+
+def _join(arrays: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    present = [array for array in arrays if array is not None]
+    return np.concatenate(present) if len(present) == len(arrays) and present else None

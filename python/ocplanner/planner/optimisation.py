@@ -1,0 +1,92 @@
+"""The optimiser of one stage with its learning-rate curve and averaged weights; all of its state is plain tensors."""
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ocplanner.planner.config import StageConfig
+
+
+class BatchOrder:
+    """Which frames each step reads: a fresh permutation every epoch, known from (seed, step) alone."""
+
+    def __init__(self, count: int, batch: int, seed: tuple[int, ...]) -> None:
+        self.count, self.batch, self.seed = count, batch, seed
+        self._epoch: tuple[int, np.ndarray] | None = None
+
+    def rows(self, step: int) -> np.ndarray:
+        """(batch,) row numbers of a step."""
+        places = np.arange(step * self.batch, (step + 1) * self.batch)
+        epochs = places // self.count
+        pieces = [self._permutation(int(epoch))[places[epochs == epoch] % self.count] for epoch in np.unique(epochs)]
+        return np.concatenate(pieces)
+
+    def _permutation(self, epoch: int) -> np.ndarray:
+        if self._epoch is None or self._epoch[0] != epoch:
+            self._epoch = (epoch, np.random.default_rng([*self.seed, epoch]).permutation(self.count))
+        return self._epoch[1]
+
+
+def learning_rate(config: StageConfig, step: int) -> float:
+    """Linear warm-up, then a cosine to zero at the stage's last step."""
+    warm = min(1.0, (step + 1) / max(1, config.warmup))
+    return config.learning_rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.steps))
+
+
+class Optimisation:
+    """AdamW on a module, and the moving average of its parameters and floating-point buffers."""
+
+    def __init__(self, module: nn.Module, config: StageConfig) -> None:
+        self.module, self.config = module, config
+        self.parameters = list(module.parameters())
+        fused = all(parameter.device.type in ("cpu", "cuda") for parameter in self.parameters)
+        self._adam = torch.optim.AdamW(
+            self.parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=fused
+        )
+        self._live = self.parameters + [b for b in module.buffers() if b.is_floating_point()]
+        self._average = [tensor.detach().clone() for tensor in self._live]
+
+    def step(self, loss: Tensor, step: int) -> None:
+        """One update."""
+        for group in self._adam.param_groups:
+            group["lr"] = learning_rate(self.config, step)
+        self._adam.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.parameters, 10.0)
+        self._adam.step()
+        decay = min(self.config.ema, (1 + step) / (10 + step))
+        with torch.no_grad():
+            for average, live in zip(self._average, self._live):
+                average.lerp_(live, 1 - decay)
+
+    def swap(self) -> None:
+        """Exchange the live weights and their average; calling it twice changes nothing."""
+        with torch.no_grad():
+            for live, average in zip(self._live, self._average):
+                kept = live.clone()
+                live.copy_(average)
+                average.copy_(kept)
+
+    def state(self) -> Iterator[tuple[str, Tensor]]:
+        """Names and tensors of the average and of Adam's moments."""
+        for i, average in enumerate(self._average):
+            yield f"average.{i}", average
+        for i, parameter in enumerate(self.parameters):
+            for key, value in self._adam.state[parameter].items():
+                yield f"adam.{i}.{key}", value
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over what :meth:`state` gave."""
+        with torch.no_grad():
+            for i, average in enumerate(self._average):
+                average.copy_(tensors[f"average.{i}"])
+        for i, parameter in enumerate(self.parameters):
+            like = torch.empty_like(parameter.detach())
+            self._adam.state[parameter] = {
+                "step": tensors[f"adam.{i}.step"].clone(),
+                "exp_avg": like.clone().copy_(tensors[f"adam.{i}.exp_avg"]),
+                "exp_avg_sq": like.clone().copy_(tensors[f"adam.{i}.exp_avg_sq"]),
+            }
