@@ -1,11 +1,12 @@
 """One arm on one task."""
 
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from ocplanner.envs.grippers import Gripper
 from ocplanner.envs.kinematics import ArmJoints, reach, site_pose
+from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.patches import check_patches
 from ocplanner.envs.rendering import Renderer
 from ocplanner.envs.robots import RobotSpec
@@ -18,8 +19,6 @@ from ocplanner.envs.visuals import MASK_RGB, visual_preset
 from ocplanner.errors import ShapeError, UnknownNameError
 from ocplanner.pose import Pose
 
-Observe = Literal["full", "masked", "no-robot"]
-OBSERVE_MODES: tuple[str, ...] = get_args(Observe)
 _RESTARTS = 6
 
 
@@ -86,7 +85,7 @@ class ManipulationEnv:
         steps: control steps since the last reset.
     """
 
-    def __init__(  # noqa: D107
+    def __init__(
         self,
         task: Task,
         robot: RobotSpec,
@@ -298,7 +297,9 @@ class ManipulationEnv:
         self.data.qvel[first : first + 6] = 0.0
         self.sim.forward()
 
-    def place_eef(self, pose: Pose, opening: float | None = None) -> float:
+    def place_eef(
+        self, pose: Pose, opening: float | None = None, *, tolerance: float = 1e-3, restarts: int = _RESTARTS
+    ) -> float:
         """Put the arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
 
         Starts from the present posture, so a trajectory placed step by step is followed without jumps, then from
@@ -307,13 +308,15 @@ class ManipulationEnv:
         Args:
             pose: of the site, world frame.
             opening: gap between the finger pads, metres; unchanged if not given.
+            tolerance: no further start is tried once the error is below this, metres.
+            restarts: how many variations of the home posture to try.
 
         Returns:
             The remaining error in metres, a radian counted as 0.1 m.
         """
-        noise = np.random.default_rng(0).normal(0.0, 0.5, (_RESTARTS, len(self._arm.home)))
+        noise = np.random.default_rng(0).normal(0.0, 0.5, (restarts, len(self._arm.home)))
         starts = [self.data.qpos[self._arm.qpos].copy(), self._arm.home, *(self._arm.home + noise)]
-        error = reach(self.model, self.data, self._arm, pose, starts)
+        error = reach(self.model, self.data, self._arm, pose, starts, tolerance)
         if opening is not None:
             self._gripper.set_opening(opening)
         self.data.qvel[self._arm.dofs] = 0.0
@@ -327,10 +330,10 @@ class ManipulationEnv:
         self._renderers.clear()
         self._env.close()
 
-    def __enter__(self) -> "ManipulationEnv":  # noqa: D105
+    def __enter__(self) -> "ManipulationEnv":
         return self
 
-    def __exit__(self, *exception: object) -> None:  # noqa: D105
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _camera(self, name: str) -> int:

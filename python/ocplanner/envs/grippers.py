@@ -21,7 +21,7 @@ class Gripper:
         data: its state.
     """
 
-    def __init__(self, robot: Any, model: Any, data: Any) -> None:  # noqa: D107
+    def __init__(self, robot: Any, model: Any, data: Any) -> None:
         arm = robot.arms[0]
         self._gripper = robot.gripper[arm]
         self._model = model

@@ -11,6 +11,8 @@ from ocplanner.pose import Pose
 _DAMPING = 0.03
 _MAX_STEP_RAD = 0.3
 _ITERATIONS = 80
+_STALLED_AFTER = 10
+_PROGRESS_M = 2e-4
 _CLOSE_POSITION_M = 5e-4
 _CLOSE_ROTATION_RAD = 5e-3
 ROTATION_WEIGHT_M = 0.1
@@ -51,7 +53,7 @@ def pose_error(pose: Pose, target: Pose) -> np.ndarray:
     return np.concatenate([target.position - pose.position, rotation])
 
 
-def reach(model: Any, data: Any, arm: ArmJoints, target: Pose, starts: list[np.ndarray]) -> float:
+def reach(model: Any, data: Any, arm: ArmJoints, target: Pose, starts: list[np.ndarray], tolerance: float) -> float:
     """Move the arm's joints so that its site comes closest to a pose.
 
     Only ``data.qpos`` and what depends on it through kinematics is changed.
@@ -62,6 +64,7 @@ def reach(model: Any, data: Any, arm: ArmJoints, target: Pose, starts: list[np.n
         arm: which joints may move.
         target: wanted pose of the site, world frame.
         starts: (n,) postures to start from, tried in order until one arrives.
+        tolerance: an error below this is an arrival, metres.
 
     Returns:
         The remaining error in metres, rotation counted with :data:`ROTATION_WEIGHT_M`.
@@ -71,7 +74,7 @@ def reach(model: Any, data: Any, arm: ArmJoints, target: Pose, starts: list[np.n
         posture, error = _descend(model, data, arm, target, start)
         if error < best_error:
             best, best_error = posture, error
-        if best_error < _CLOSE_POSITION_M + ROTATION_WEIGHT_M * _CLOSE_ROTATION_RAD:
+        if best_error < tolerance:
             break
     data.qpos[arm.qpos] = best
     return float(best_error)
@@ -81,6 +84,7 @@ def _descend(model: Any, data: Any, arm: ArmJoints, target: Pose, start: np.ndar
     posture = np.clip(start, arm.lower, arm.upper)
     jacobian = np.zeros((6, model.nv))
     best, best_error = posture, np.inf
+    milestone, since = np.inf, 0
     for _ in range(_ITERATIONS):
         data.qpos[arm.qpos] = posture
         mujoco.mj_kinematics(model, data)
@@ -91,6 +95,11 @@ def _descend(model: Any, data: Any, arm: ArmJoints, target: Pose, start: np.ndar
         if size < best_error:
             best, best_error = posture, size
         if distance < _CLOSE_POSITION_M and angle < _CLOSE_ROTATION_RAD:
+            break
+        since += 1
+        if best_error < milestone - _PROGRESS_M:
+            milestone, since = best_error, 0
+        elif since > _STALLED_AFTER:
             break
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], arm.site)
         moving = jacobian[:, arm.dofs]

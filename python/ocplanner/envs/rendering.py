@@ -35,7 +35,7 @@ class Renderer:
         RenderingError: there is no working headless OpenGL.
     """
 
-    def __init__(  # noqa: D107
+    def __init__(
         self,
         model: Any,
         data: Any,
