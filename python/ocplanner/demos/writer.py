@@ -6,6 +6,7 @@ copied, block by block, into the target, which appears complete or not at all.
 """
 
 import contextlib
+import io
 import json
 import re
 import shutil
@@ -89,7 +90,7 @@ class DatasetWriter:
         """
         steps = _check(name, arrays)
         part = self.parts / f"{name}.hdf5"
-        with _saving(self.path), atomic_write(part) as temporary, h5py.File(temporary, "w") as file:
+        with _saving(self.path), atomic_write(part) as temporary, _create(temporary) as file:
             group = file.create_group("demo")
             group.attrs.update({**(attrs or {}), "num_samples": steps})
             for key, array in arrays.items():
@@ -114,7 +115,7 @@ class DatasetWriter:
             raise DatasetError(
                 f"{self.path}: cannot be finished: {', '.join(absent[:3]) or 'no demonstration'} not done"
             )
-        with _saving(self.path), atomic_write(self.path) as temporary, h5py.File(temporary, "w") as file:
+        with _saving(self.path), atomic_write(self.path) as temporary, _create(temporary) as file:
             data = file.create_group("data")
             total = 0
             for name in names:
@@ -179,6 +180,36 @@ def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:
         if array.dtype.kind not in "fiub":
             raise DatasetError(f"{name}: {key} has dtype {array.dtype}, expected numbers")
     return steps
+
+
+class _RememberingFile(io.FileIO):
+    """A file that remembers the first failed write and swallows it: HDF5 drops errors that strike while it closes a
+    data set, and may crash on a file whose metadata it could not write.
+    """
+
+    failure: OSError | None = None
+
+    def write(self, data: Any, /) -> int:
+        rest = memoryview(data).cast("B")
+        size = len(rest)
+        try:
+            while rest and self.failure is None:
+                rest = rest[super().write(rest) :]
+        except OSError as error:
+            self.failure = error
+        return size
+
+
+@contextlib.contextmanager
+def _create(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file, at the end of the block written as a whole, or OSError."""
+    with _RememberingFile(str(path), "r+") as raw:
+        try:
+            with h5py.File(raw, "w") as file:
+                yield file
+        finally:
+            if raw.failure is not None:
+                raise raw.failure
 
 
 @contextlib.contextmanager

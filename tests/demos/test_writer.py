@@ -1,0 +1,215 @@
+"""What the writer promises: complete or absent, nothing lost but the demonstration in flight, one process at a time."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.writer import DatasetWriter
+from ocplanner.errors import DatasetError, OutputError
+
+ENV_ARGS = {"env_name": "Lift", "env_version": "1.5.2", "type": 1, "env_kwargs": {"robots": ["Panda"]}}
+
+
+def _arrays(seed: int = 0, steps: int = 5) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return {
+        "actions": rng.uniform(-1, 1, (steps, 7)),
+        "states": rng.normal(size=(steps, 32)),
+        "obs/agentview_image": rng.integers(0, 256, (steps, 8, 8, 3), dtype=np.uint8),
+        "obs/agentview_mask": rng.random((steps, 8, 8)) < 0.5,
+    }
+
+
+def test_round_trip(tmp_path):
+    path = tmp_path / "set.hdf5"
+    model = "<mujoco/>" * 20_000  # longer than HDF5's 64 KiB of compact attributes
+    with DatasetWriter(path, ENV_ARGS, data_attrs={"ocplanner_render": json.dumps({"size": 8})}) as writer:
+        for seed in (10, 2, 0):
+            writer.add(f"demo_{seed}", _arrays(seed, 5 + seed), {"model_file": model, "seed": seed})
+        assert writer.done == ("demo_0", "demo_2", "demo_10")
+        assert not path.exists()
+        writer.finish({"train": ["demo_0", "demo_10"], "valid": ["demo_2"]})
+    assert list(tmp_path.iterdir()) == [path]
+    demos = Demonstrations(path)
+    assert demos.names == ("demo_0", "demo_2", "demo_10")
+    assert (demos.env_args, demos.render_settings, demos.attrs["total"]) == (ENV_ARGS, {"size": 8}, 5 + 7 + 15)
+    assert (demos.mask("train"), demos.mask("valid")) == (["demo_0", "demo_10"], ["demo_2"])
+    for demo in demos:
+        assert (demo.attrs["seed"], demo.attrs["num_samples"]) == (int(demo.name[5:]), demo.length)
+        assert demo.model_file == model
+        stored = demo.arrays()
+        for key, array in _arrays(int(demo.name[5:]), demo.length).items():
+            np.testing.assert_array_equal(stored.pop(key), array, strict=True)
+        assert stored == {}
+    with h5py.File(path) as file:
+        assert file["data/demo_2/obs/agentview_image"].chunks == (1, 8, 8, 3)  # random access to frames
+
+
+@pytest.mark.parametrize("version", ["1.4.1", "1.5.1"])
+def test_copies_any_data_set(tiny_square, tmp_path, version):
+    source = Demonstrations(tiny_square(version, True))
+    with DatasetWriter(tmp_path / "copy.hdf5", source.env_args) as writer:
+        for demo in source:
+            writer.add(demo.name, demo.arrays(), demo.attrs)
+        writer.finish({mask: source.mask(mask) for mask in source.mask_names})
+    copy = Demonstrations(tmp_path / "copy.hdf5")
+    assert copy.names == source.names
+    for demo in source:
+        assert copy[demo.name].attrs == demo.attrs
+        for key, array in demo.arrays().items():
+            np.testing.assert_array_equal(copy[demo.name].arrays()[key], array, strict=True)
+
+
+def test_resumes_only_what_was_made_alike(tmp_path):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS, data_attrs={"ocplanner_render": "84"}) as writer:
+        writer.add("demo_0", _arrays())
+    with DatasetWriter(path, ENV_ARGS, data_attrs={"ocplanner_render": "84"}) as writer:
+        assert writer.done == ("demo_0",)
+    with pytest.raises(OutputError, match="made with another ocplanner_render; run with the settings as before"):
+        DatasetWriter(path, ENV_ARGS, data_attrs={"ocplanner_render": "96"})
+    with DatasetWriter(path, ENV_ARGS, resume=False) as writer:
+        assert writer.done == ()
+
+
+def test_existing_files_are_kept_unless_told(tmp_path):
+    path = tmp_path / "set.hdf5"
+    path.write_text("precious")
+    with pytest.raises(OutputError, match="exists already"):
+        DatasetWriter(path, ENV_ARGS)
+    with DatasetWriter(path, ENV_ARGS, overwrite=True) as writer:
+        writer.add("demo_0", _arrays())
+        assert path.read_text() == "precious"
+        writer.finish()
+    assert Demonstrations(path).names == ("demo_0",)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("../demo", {}, "no name for a demonstration"),
+        ("demo_0", {"actions": None}, "no actions among states"),
+        ("demo_0", {"actions": np.zeros((0, 7))}, "no steps"),
+        ("demo_0", {"states": np.zeros((4, 3))}, r"states has shape \(4, 3\), but there are 5 actions"),
+        ("demo_0", {"obs/text": np.full(5, "x")}, "obs/text has dtype <U1"),
+    ],
+)
+def test_what_is_no_demonstration(tmp_path, name, change, message):
+    arrays = {key: array for key, array in {**_arrays(), **change}.items() if array is not None}
+    with DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS) as writer:
+        with pytest.raises(DatasetError, match=message):
+            writer.add(name, arrays)
+        assert writer.done == ()
+
+
+def test_finish_wants_what_it_names(tmp_path):
+    with DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS) as writer:
+        with pytest.raises(DatasetError, match="no demonstration"):
+            writer.finish()
+        writer.add("demo_0", _arrays())
+        with pytest.raises(DatasetError, match="demo_1 not done"):
+            writer.finish({"train": ["demo_0", "demo_1"]})
+        assert writer.done == ("demo_0",)
+
+
+WRITER = """
+import sys
+import numpy as np
+from ocplanner.demos.writer import DatasetWriter
+rng = np.random.default_rng(0)
+arrays = {"actions": np.zeros((40, 7)), "obs/agentview_image": rng.integers(0, 256, (40, 84, 84, 3), dtype=np.uint8)}
+with DatasetWriter(sys.argv[1], {"env_name": "Lift"}) as writer:
+    print("start", flush=True)
+    for index in range(int(sys.argv[2])):
+        name = f"demo_{index}"
+        if name not in writer.done:
+            writer.add(name, {**arrays, "rewards": np.full(40, float(index))})
+            print(name, flush=True)
+    print("finish", flush=True)
+    writer.finish({"train": ["demo_0"]})
+"""
+
+
+def _start(path: Path, count: int) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", WRITER, str(path), str(count)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def test_kill_at_any_moment_loses_at_most_the_demonstration_in_flight(tmp_path):
+    path, count = tmp_path / "set.hdf5", 6
+    reported: set[str] = set()
+    kills = 0
+    delays = iter([*np.random.default_rng(0).uniform(0.0, 0.06, 10), *np.linspace(0.1, 20, 20)])
+    while not path.exists():
+        with _start(path, count) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(next(delays))
+            process.send_signal(signal.SIGKILL)
+            lines = process.stdout.read().split()
+        kills += 1
+        reported |= set(lines) - {"finish"}
+        parts = path.with_name("set.hdf5.parts")
+        if not path.exists():
+            assert reported <= {part.stem for part in parts.glob("*.hdf5")}  # nothing reported was lost
+    assert kills > 2
+    with Demonstrations(path) as demos:
+        assert len(demos) == count
+        for index, demo in enumerate(demos):
+            assert set(demo.rewards) == {float(index)}
+            assert demo.images("agentview").shape == (40, 84, 84, 3)
+
+
+def test_two_processes_on_one_output(tmp_path):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        done = subprocess.run(
+            [sys.executable, "-c", WRITER, str(path), "1"], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 1
+        assert "OutputError: another process (pid" in done.stderr
+        writer.add("demo_0", _arrays())
+        writer.finish()
+    assert len(Demonstrations(path)) == 1
+
+
+FULL = """
+import resource, sys
+import numpy as np
+from ocplanner.demos.writer import DatasetWriter
+from ocplanner.errors import OutputError
+rng = np.random.default_rng(0)
+with DatasetWriter(sys.argv[1], {"env_name": "Lift"}) as writer:
+    writer.add("demo_0", {"actions": rng.normal(size=(4_000, 7))})
+    writer.add("demo_1", {"actions": rng.normal(size=(4_000, 7))})
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+    for attempt in (lambda: writer.add("demo_2", {"actions": rng.normal(size=(9_000, 7))}), writer.finish):
+        try:
+            attempt()
+        except OutputError as error:
+            print(error)
+    print(*writer.done)
+"""
+
+
+@pytest.mark.parametrize("limit", [0, 100, 4_000, 100_000, 250_000, 300_000])
+def test_no_room_keeps_what_was_added(tmp_path, limit):
+    path = tmp_path / "set.hdf5"
+    command = [sys.executable, "-c", FULL, str(path), str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 3, done.stderr
+    assert all(f"cannot write {path}" in line and "raise the limit" in line for line in lines[:2])
+    assert lines[2] == "demo_0 demo_1"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["set.hdf5.parts"]
+    with DatasetWriter(path, {"env_name": "Lift"}) as writer:
+        writer.finish()
+    assert [demo.length for demo in Demonstrations(path)] == [4_000, 4_000]
