@@ -1,0 +1,155 @@
+"""``ocplanner info``."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+from safetensors import SafetensorError, safe_open
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+
+Facts = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Info:
+    """Describe a data set, planner or policy file."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """robomimic HDF5 data set, or a .safetensors file made by ocplanner."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Print what the file holds."""
+        facts = describe(self.file)
+        console = Console()
+        if self.json:
+            console.print_json(json.dumps(facts))
+        else:
+            console.print(_table(self.file, facts))
+
+
+COMMAND = Info
+
+
+def describe(path: Path) -> Facts:
+    """What a file holds, as JSON can hold it; nothing in the file is executed or unpickled.
+
+    Raises:
+        OcplannerError: the file is missing, damaged or of another kind.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_HDF5_MAGIC))
+    except OSError as error:
+        raise DatasetError(f"cannot read {path}: {error.strerror}; give the path of a file") from error
+    if start == _HDF5_MAGIC:
+        return describe_dataset(path)
+    if path.suffix == ".safetensors" or start[4:] == b"\x00\x00\x00\x00":  # a header length below 4 GiB
+        return describe_weights(path)
+    raise DatasetError(f"{path}: neither an HDF5 data set nor a .safetensors file (it begins with {start!r})")
+
+
+def describe_dataset(path: Path) -> Facts:
+    """The demonstrations of a robomimic file in numbers.
+
+    Raises:
+        DatasetError: the file is missing, damaged or no robomimic data set.
+    """
+    with Demonstrations(path) as demos:
+        first = demos[0]
+        lengths = np.array([demo.length for demo in demos])
+        try:
+            layout = first.object_layout() or "none"
+        except OcplannerError as error:
+            layout = f"unclear: {error}"
+        named = [name for name in first.object_names if f"{name}_pos" in first.observation_keys]
+        largest = max(float(np.abs(demo.actions).max(initial=0)) for demo in demos)
+        return {
+            "kind": "data set",
+            "task": demos.task_name,
+            "environment": demos.env_name,
+            "robosuite": demos.env_version,
+            "robots": list(demos.robots),
+            "demonstrations": len(demos),
+            "steps": int(lengths.sum()),
+            "steps each": {
+                "min": int(lengths.min()),
+                "mean": float(lengths.mean().round(1)),
+                "max": int(lengths.max()),
+            },
+            "masks": {mask: len(demos.mask(mask)) for mask in demos.mask_names},
+            "object layout": layout,
+            "named sensors": named,
+            "largest action": largest,
+            "arrays": {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()},
+            "cameras": list(demos.cameras),
+            "rendered": demos.render_settings,
+        }
+
+
+def describe_weights(path: Path) -> Facts:
+    """The configuration in a planner or policy file, and the number of its parameters.
+
+    Raises:
+        PlannerFileError: the file is damaged or was not made by ocplanner.
+    """
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata: Mapping[str, str] = file.metadata() or {}
+            shapes = {name: file.get_slice(name).get_shape() for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, ValueError) as error:
+        raise PlannerFileError(
+            f"{path}: not a readable safetensors file ({error}); make or download it again"
+        ) from error
+    try:
+        header = json.loads(metadata["ocplanner"])
+        kind, config = str(header["kind"]), dict(header["config"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlannerFileError(
+            f"{path}: a safetensors file, but not one of ocplanner's (no readable `ocplanner` metadata); "
+            "make it with `ocplanner train-planner`"
+        ) from error
+    parameters = sum(int(np.prod(shape)) for shape in shapes.values())
+    return {
+        "kind": kind,
+        "format": header.get("format"),
+        "parameters": parameters,
+        "size": f"{path.stat().st_size / 1e6:.2f} MB",
+        **config,
+    }
+
+
+def _table(path: Path, facts: Facts) -> Table:
+    table = Table(title=str(path), title_justify="left", show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in facts.items():
+        table.add_row(name, Text(_plain(value)))
+    return table
+
+
+def _plain(value: Any, indent: str = "") -> str:
+    if value is None or value in ([], {}, ""):
+        return "none"
+    if isinstance(value, dict):
+        flat = "  ".join(f"{key} {item}" for key, item in value.items())
+        if len(flat) <= 80 and not any(isinstance(item, dict | list) for item in value.values()):
+            return flat
+        return "\n".join(f"{indent}{key}: {_plain(item, indent + '  ').lstrip()}" for key, item in value.items())
+    if isinstance(value, list):
+        return ", ".join(_plain(item) for item in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)
