@@ -13,21 +13,19 @@ def write_run(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         (folder / "config.yaml").write_text(
-            f"task: Square\nhorizon: {horizon}\noutputs: pose\nobserve: masked\nseed: {seed}\n"
+            f"preset: cpu\nobserve: masked\nseed: {seed}\nnetwork:\n  horizon: {horizon}\n  outputs: pose\n"
+            "  encoder:\n    type: small\n"
         )
+        errors = {"ade_mm": 30.0, "fde_mm": 40.0, "rotation_deg": 9.0}
         rows = [
-            {
-                "step": 100 * i,
-                "stage": stage,
-                "split": split,
-                "loss": 2.0 / (i + 1),
-                "ade_mm": 30.0 - i,
-                "fde_mm": 40.0 - i,
-                "rotation_deg": 9.0 - i,
-            }
-            for stage in ("vae", "predictor")
+            {"stage": stage, "step": 100 * i, "seconds": 1.0, "loss": 1.0, "valid_loss": 2.0 / (i + 1), **errors}
+            for stage in ("vae", "predictor", "finetune")
             for i in range(steps)
-            for split in ("train", "valid")
+        ]
+        rows += [
+            {"stage": "final", "candidate": stage, "kept": stage == "finetune", "appearance": arm, **errors}
+            for stage in ("predictor", "finetune")
+            for arm in ("source", "IIWA")
         ]
         (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
         return folder

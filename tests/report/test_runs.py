@@ -6,25 +6,50 @@ from ocplanner.report.runs import read_run, run_labels
 
 def test_a_run_gives_its_curves_in_order_of_steps(write_run):
     run = read_run(write_run("run", steps=3))
-    steps, values = run.series("vae", "valid", "loss")
+    steps, values = run.series("vae", "valid_loss")
     assert steps.tolist() == [0, 100, 200]
     assert values.tolist() == [2.0, 1.0, 2.0 / 3]
-    assert run.stages() == ["vae", "predictor"]
-    assert run.last_of("predictor", "ade_mm") == 28.0
+
+
+def test_final_errors_say_which_stage_was_kept(write_run):
+    final = read_run(write_run("run")).held_out()
+    assert [(errors.stage, errors.appearance, errors.kept) for errors in final] == [
+        ("predictor", "source", False),
+        ("predictor", "IIWA", False),
+        ("finetune", "source", True),
+        ("finetune", "IIWA", True),
+    ]
+    assert final[0].row["ade_mm"] == 30.0
+
+
+def test_a_run_that_goes_on_gives_its_latest_errors(write_run):
+    folder = write_run("run", steps=3)
+    lines = [line for line in (folder / "metrics.jsonl").read_text().splitlines() if '"final"' not in line]
+    (folder / "metrics.jsonl").write_text("\n".join(lines) + "\n")
+    latest = read_run(folder).held_out()
+    assert [(errors.stage, errors.kept, errors.row["step"]) for errors in latest] == [
+        ("predictor", False, 200),
+        ("finetune", False, 200),
+    ]
+
+
+def test_settings_are_found_at_the_top_and_in_the_network(write_run):
+    run = read_run(write_run("run", horizon=50, seed=3))
+    assert [run.setting(key) for key in ("horizon", "seed", "encoder", "absent")] == ["50", "3", "small", ""]
 
 
 def test_a_resumed_run_keeps_the_last_value_of_a_repeated_step(write_run):
     folder = write_run("run", steps=2)
     with (folder / "metrics.jsonl").open("a") as file:
-        file.write('{"step": 100, "stage": "vae", "split": "valid", "loss": 7.0}\n')
-    assert read_run(folder).series("vae", "valid", "loss")[1].tolist() == [2.0, 7.0]
+        file.write('{"step": 100, "stage": "vae", "valid_loss": 7.0}\n')
+    assert read_run(folder).series("vae", "valid_loss")[1].tolist() == [2.0, 7.0]
 
 
 def test_values_that_are_not_finite_are_left_out(write_run):
     folder = write_run("run", steps=1)
     with (folder / "metrics.jsonl").open("a") as file:
-        file.write('{"step": 100, "stage": "vae", "split": "valid", "loss": NaN}\n')
-    assert read_run(folder).series("vae", "valid", "loss")[0].tolist() == [0]
+        file.write('{"step": 100, "stage": "vae", "valid_loss": NaN}\n')
+    assert read_run(folder).series("vae", "valid_loss")[0].tolist() == [0]
 
 
 def test_a_last_line_cut_by_a_kill_is_left_out(write_run):
@@ -35,7 +60,7 @@ def test_a_last_line_cut_by_a_kill_is_left_out(write_run):
     assert read_run(folder).rows == whole
 
 
-@pytest.mark.parametrize("line", ['{"step": 1}', "[]", "not json"])
+@pytest.mark.parametrize("line", ['{"step": 1}', "[]", "3", "not json"])
 def test_a_damaged_line_inside_is_an_error_that_names_it(write_run, line):
     folder = write_run("run")
     lines = (folder / "metrics.jsonl").read_text().splitlines()

@@ -17,55 +17,62 @@ from ocplanner.report.runs import Run, run_labels
 from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
 
 _LINES = ("-", "--", "-.", ":")
-_ERRORS = (
+LOSSES = (("vae", "LSTM-VAE, validation loss"), ("predictor", "Latent predictor, validation loss"))
+ERRORS = (
     ("ade_mm", "mean error (ADE), mm"),
     ("fde_mm", "final error (FDE), mm"),
-    ("rotation_deg", "rotation, degrees"),
+    ("rotation_deg", "rotation error, degrees"),
 )
 
 
 def loss_curves(runs: Sequence[Run]) -> Figure:
     """Figure 4: validation loss of (a) the LSTM-VAE and (b) the latent predictor, one line a run."""
-    panels = (("vae", "(a) LSTM-VAE, validation loss"), ("predictor", "(b) Latent predictor, validation loss"))
     with styled():
         figure = new_figure(7.4, 2.9)
-        for axes, (stage, title) in zip(figure.subplots(1, 2), panels):
-            _curves(axes, runs, stage, "loss")
-            axes.set(title=title, yscale="log")
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.yaxis.set_minor_formatter(
-                FuncFormatter(lambda value, _: f"{value:g}" if _leading(value) in "25" else "")
-            )
+        for letter, axes, (stage, title) in zip("ab", figure.subplots(1, 2), LOSSES):
+            _curves(axes, runs, stage, "valid_loss", f"({letter}) {title}")
         _shared_legend(figure)
     return figure
 
 
 def error_curves(runs: Sequence[Run]) -> Figure:
-    """Held-out errors of the whole planner, image to plan, over training: ADE and FDE in mm, rotation in degrees."""
+    """Held-out errors of the whole planner, image to plan, while the latent predictor trains."""
     with styled():
         figure = new_figure(7.4, 2.6)
-        for axes, (value, title) in zip(figure.subplots(1, len(_ERRORS)), _ERRORS):
-            _curves(axes, runs, "predictor", value)
-            axes.set(title=title)
-            axes.set_ylim(bottom=0)
+        for axes, (value, title) in zip(figure.subplots(1, len(ERRORS)), ERRORS):
+            _curves(axes, runs, "predictor", value, title)
         _shared_legend(figure)
     return figure
 
 
-def _curves(axes: Axes, runs: Sequence[Run], stage: str, value: str) -> None:
+def curve_panel(runs: Sequence[Run], stage: str, value: str, title: str) -> Figure:
+    """One panel of the figures above, without a legend: colours follow :data:`ocplanner.report.style.SERIES`."""
+    with styled():
+        figure = new_figure(3.6, 2.5)
+        _curves(figure.subplots(), runs, stage, value, title)
+    return figure
+
+
+def _curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str) -> None:
     drawn = False
     for i, (run, label) in enumerate(zip(runs, run_labels(runs))):
-        steps, values = run.series(stage, "valid", value)
+        steps, values = run.series(stage, value)
         if len(steps):
             marker = "o" if len(steps) < 3 else None
             line = _LINES[i // len(SERIES) % len(_LINES)]
             axes.plot(steps, values, line, color=SERIES[i % len(SERIES)], label=label, marker=marker, markersize=4)
             drawn = True
-    axes.set_xlabel("training step")
+    axes.set(xlabel="training step", title=title)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / 1000:g}k" if step >= 1000 else f"{step:g}"))
     if not drawn:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=MUTED)
+    elif "loss" in value and all(np.min(line.get_ydata()) > 0 for line in axes.lines):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+        axes.yaxis.set_minor_formatter(FuncFormatter(lambda tick, _: f"{tick:g}" if f"{tick:.0e}"[0] in "25" else ""))
+    else:
+        axes.set_ylim(bottom=0)
 
 
 def _shared_legend(figure: Figure) -> None:
@@ -75,10 +82,6 @@ def _shared_legend(figure: Figure) -> None:
     if len(entries) > 1:
         columns = min(len(entries), 4)
         figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
-
-
-def _leading(value: float) -> str:
-    return f"{value:.0e}"[0]
 
 
 def success_rates(groups: Sequence[TransferGroup]) -> Figure:

@@ -13,7 +13,24 @@ from ocplanner.errors import ResultFileError
 
 METRICS = "metrics.jsonl"
 CONFIG = "config.yaml"
-_DISTINGUISHING = ("task", "horizon", "outputs", "observe", "encoder", "seed")
+_DISTINGUISHING = ("horizon", "outputs", "observe", "encoder", "seed")
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors on held-out demonstrations.
+
+    Attributes:
+        stage: the stage whose weights they are of: "predictor" or "finetune".
+        appearance: whose body hides the scene: "source", or another arm's silhouette.
+        kept: whether these weights became the planner.
+        row: the values by name, such as ``ade_mm``, ``fde_mm`` and ``rotation_deg``.
+    """
+
+    stage: str
+    appearance: str
+    kept: bool
+    row: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -35,31 +52,33 @@ class Run:
         """The folder's name."""
         return self.folder.resolve().name
 
-    def stages(self) -> list[str]:
-        """The stages that have been trained, in order."""
-        return list(dict.fromkeys(str(row["stage"]) for row in self.rows))
+    def setting(self, key: str) -> str:
+        """A setting as text, looked up at the top of the configuration and in its network; "" if absent."""
+        value = self.config.get(key, (self.config.get("network") or {}).get(key, ""))
+        return str(value.get("type", "") if isinstance(value, Mapping) else value)
 
-    def series(self, stage: str, split: str, value: str) -> tuple[np.ndarray, np.ndarray]:
+    def series(self, stage: str, value: str) -> tuple[np.ndarray, np.ndarray]:
         """Steps (n,) and finite values (n,) of one curve; a repeated step (a resumed run) keeps the last value."""
         points = {
             int(row["step"]): float(row[value])
             for row in self.rows
-            if row["stage"] == stage and row["split"] == split and isinstance(row.get(value), int | float)
+            if row["stage"] == stage and "step" in row and isinstance(row.get(value), int | float)
         }
         finite = sorted((step, point) for step, point in points.items() if np.isfinite(point))
         return np.array([step for step, _ in finite]), np.array([point for _, point in finite])
 
-    def last(self, value: str, split: str = "valid") -> float | None:
-        """The value of the last row of ``split`` that has it, of whichever stage came last."""
-        for row in reversed(self.rows):
-            if row["split"] == split and isinstance(row.get(value), int | float):
-                return float(row[value])
-        return None
-
-    def last_of(self, stage: str, value: str, split: str = "valid") -> float | None:
-        """The last value of one curve."""
-        _, values = self.series(stage, split, value)
-        return float(values[-1]) if len(values) else None
+    def held_out(self) -> list[HeldOut]:
+        """The final errors; of a run that is not finished, the latest ones of each stage."""
+        final = [row for row in self.rows if row["stage"] == "final"]
+        if final:
+            return [
+                HeldOut(str(row.get("candidate", "")), str(row.get("appearance", "source")), bool(row.get("kept")), row)
+                for row in final
+            ]
+        latest = {
+            row["stage"]: row for row in self.rows if row["stage"] in ("predictor", "finetune") and "ade_mm" in row
+        }
+        return [HeldOut(stage, "source", False, row) for stage, row in latest.items()]
 
 
 def read_run(folder: str | Path) -> Run:
@@ -93,14 +112,12 @@ def _read_metrics(path: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(lines, start=1):
         try:
             row = json.loads(line)
-            if not {"step", "stage", "split"} <= row.keys():
-                raise ValueError("a key is missing")
-        except (ValueError, AttributeError) as error:
+            if not isinstance(row, dict) or "stage" not in row:
+                raise ValueError("no stage")
+        except ValueError as error:
             if number == len(lines):
                 break
-            raise ResultFileError(
-                f"line {number} of {path} is damaged: expected an object with step, stage and split"
-            ) from error
+            raise ResultFileError(f"line {number} of {path} is damaged: expected a JSON object with a stage") from error
         rows.append(row)
     return rows
 
@@ -108,22 +125,14 @@ def _read_metrics(path: Path) -> list[dict[str, Any]]:
 def run_labels(runs: Iterable[Run]) -> list[str]:
     """A short label for each run that says in what the runs differ, such as ``H = 20, pose``."""
     runs = list(runs)
-    described = [{key: _setting(run.config, key) for key in _DISTINGUISHING} for run in runs]
-    differing = [key for key in _DISTINGUISHING if len({settings[key] for settings in described}) > 1]
+    differing = [key for key in _DISTINGUISHING if len({run.setting(key) for run in runs}) > 1]
     labels = []
-    for run, settings in zip(runs, described):
-        parts = [_spoken(key, settings[key]) for key in differing if settings[key]]
+    for run in runs:
+        parts = [_spoken(key, run.setting(key)) for key in differing if run.setting(key)]
         labels.append(", ".join(parts) or run.name)
     if len(set(labels)) < len(labels):
         labels = [f"{label} ({run.name})" if label != run.name else label for label, run in zip(labels, runs)]
     return labels
-
-
-def _setting(config: Mapping[str, Any], key: str) -> str:
-    value = config.get(key, "")
-    if isinstance(value, Mapping):
-        value = value.get("type", "")
-    return str(value)
 
 
 def _spoken(key: str, value: str) -> str:

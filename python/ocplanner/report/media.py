@@ -1,0 +1,121 @@
+"""Episodes and pictures as data URIs, so that a page needs no other file."""
+
+import base64
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ocplanner.errors import ResultFileError
+from ocplanner.report.results import EpisodeRecord, TransferRecord
+from ocplanner.report.video import read_video
+
+_TYPES = {".mp4": "video/mp4", ".png": "image/png", ".svg": "image/svg+xml"}
+
+
+@dataclass(frozen=True)
+class EmbeddedVideo:
+    """An episode's mp4 in the page.
+
+    Attributes:
+        name: the file's name.
+        uri: the mp4 as a data URI.
+        poster: a frame from the middle as a data URI, shown before playing.
+        strip: frames from first to last as data URIs (Figure 8).
+        width: pixels.
+        height: pixels.
+        record: the result that it belongs to, if it was found.
+        episode: the episode in that result.
+    """
+
+    name: str
+    uri: str
+    poster: str
+    strip: tuple[str, ...]
+    width: int
+    height: int
+    record: TransferRecord | None
+    episode: EpisodeRecord | None
+
+
+def embed_video(path: Path, records: Sequence[TransferRecord], *, strip: int = 8) -> EmbeddedVideo:
+    """Read, check and embed one mp4, and find the episode that it shows.
+
+    Raises:
+        ResultFileError: it is missing or cannot be decoded.
+    """
+    frames = read_video(path)
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(strip, len(frames))).round().astype(int))
+    record, episode = match_episode(path, records)
+    return EmbeddedVideo(
+        name=path.name,
+        uri=embed_file(path),
+        poster=embed_image(frames[len(frames) // 2]),
+        strip=tuple(embed_image(frames[i]) for i in chosen),
+        width=frames.shape[2],
+        height=frames.shape[1],
+        record=record,
+        episode=episode,
+    )
+
+
+def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[TransferRecord | None, EpisodeRecord | None]:
+    """The episode that a video shows: its seed is a number in the file's name, its result lies nearest to the file.
+
+    Of results equally near, one whose robot is named in the path wins; if several still fit, none is chosen.
+    """
+    seeds = [int(number) for number in re.findall(r"\d+", path.stem)]
+    candidates = [
+        ((_distance(path, record.path), record.robot.lower() not in str(path).lower()), i)
+        for i, record in enumerate(records)
+        if any(record.episode(seed) for seed in seeds)
+    ]
+    best = [i for rank, i in candidates if rank == min(candidates)[0]]
+    if len(best) != 1:
+        return None, None
+    record = records[best[0]]
+    return record, next(episode for seed in reversed(seeds) if (episode := record.episode(seed)))
+
+
+def _distance(path: Path, other: Path) -> int:
+    ours, theirs = path.resolve().parent.parts, other.resolve().parent.parts
+    shared = sum(1 for _ in _common(ours, theirs))
+    return len(ours) + len(theirs) - 2 * shared
+
+
+def _common(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    parts = []
+    for one, other in zip(ours, theirs):
+        if one != other:
+            break
+        parts.append(one)
+    return parts
+
+
+def embed_file(path: Path) -> str:
+    """A file as a data URI.
+
+    Raises:
+        ResultFileError: it cannot be read, or its kind is not known.
+    """
+    if path.suffix not in _TYPES:
+        raise ResultFileError(f"cannot embed {path}: known kinds are {', '.join(_TYPES)}")
+    try:
+        return _uri(_TYPES[path.suffix], path.read_bytes())
+    except OSError as error:
+        raise ResultFileError(f"cannot read {path}: {error}") from error
+
+
+def embed_image(image: np.ndarray, *, quality: int = 82) -> str:
+    """An image (h, w, 3) uint8 as a JPEG data URI."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="jpeg", quality=quality, optimize=True)
+    return _uri("image/jpeg", buffer.getvalue())
+
+
+def _uri(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,194 @@
+"""One self-contained HTML page of runs and results: no script, no network, light and dark."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import yaml
+from markupsafe import Markup
+
+from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
+from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
+from ocplanner.report.results import TransferGroup, failure_classes, group_results
+from ocplanner.report.runs import HeldOut, Run, run_labels
+from ocplanner.report.sources import Sources, find_sources
+from ocplanner.report.style import SERIES, page_colors, page_svg
+from ocplanner.storage import atomic_write
+
+FIGURE_CAPTIONS = {
+    "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
+    "latents": "Latent plans along demonstrations, by t-SNE; the colour is the time from grasp to release.",
+    "kept_spans": "The frames of each demonstration that training keeps: from grasp to release.",
+}
+"""What the figures that this package writes show, by the beginning of their file names."""
+
+_DRAWN_HERE = ("loss_curves", "error_curves", "success_rates", "failure_matrix", "film_strip")
+
+
+@dataclass(frozen=True)
+class _Training:
+    """What the page says of one run."""
+
+    run: Run
+    label: str
+    color: int
+    held_out: list[HeldOut]
+    config: str
+
+
+def write_report(
+    paths: Sequence[str | Path], out: str | Path, *, title: str | None = None, most_videos: int = 12
+) -> Path:
+    """Collect what is in ``paths`` and write the page.
+
+    Args:
+        paths: run folders, result files, videos, or folders with any of them.
+        out: the page; it appears whole or not at all.
+        title: of the page; by default the task and the robots.
+        most_videos: embedded at most; failed episodes and successes in turn.
+
+    Raises:
+        ResultFileError: a path is missing or damaged, or there is nothing to show.
+        OutputError: the page cannot be written.
+    """
+    text = render_report(find_sources(paths), title=title, most_videos=most_videos)
+    out = Path(out)
+    with atomic_write(out) as partial:
+        Path(partial).write_text(text, encoding="utf-8")
+    return out
+
+
+def render_report(sources: Sources, *, title: str | None = None, most_videos: int = 12) -> str:
+    """The page as HTML."""
+    groups = sorted(group_results(sources.records), key=_rank)
+    videos = [embed_video(path, sources.records) for path in sources.videos]
+    shown = _pick(videos, most_videos)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("ocplanner.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html.j2").render(
+        title=title or _title(sources),
+        colors=page_colors(),
+        groups=groups,
+        classes=failure_classes(groups),
+        most_failures=max((max(group.failures().values(), default=0) for group in groups), default=0),
+        records=sources.records,
+        videos=shown,
+        videos_left_out=len(videos) - len(shown),
+        strips=_strips(shown),
+        figures=_figures(sources.figures),
+        trainings=_trainings(sources.runs),
+        panels=_panels(sources.runs),
+        commands=list(dict.fromkeys(record.command for record in sources.records if record.command)),
+        versions=_versions(sources),
+        planners=_planners(groups),
+        patches=_patches(groups),
+    )
+
+
+def _rank(group: TransferGroup) -> tuple[Any, ...]:
+    """The package's own defaults first, then what they are compared with."""
+    first = group.records[0]
+    follow, observe = ("gated", "time", "open-loop"), ("masked", "no-robot", "full")
+    return (
+        follow.index(first.follow) if first.follow in follow else len(follow),
+        observe.index(first.observe) if first.observe in observe else len(observe),
+    )
+
+
+def _title(sources: Sources) -> str:
+    tasks = list(dict.fromkeys(record.task for record in sources.records))
+    robots = list(dict.fromkeys(record.robot for record in sources.records))
+    if not tasks:
+        return "Planner training" if sources.runs else "ocplanner report"
+    listed = robots[0] if len(robots) == 1 else f"{', '.join(robots[:-1])} and {robots[-1]}"
+    return f"{' and '.join(tasks)} on {listed}"
+
+
+def _pick(videos: list[EmbeddedVideo], most: int) -> list[EmbeddedVideo]:
+    """At most ``most`` videos, successes and failures in turn as long as both last, in their old order."""
+    good = [i for i, video in enumerate(videos) if video.episode is None or video.episode.success]
+    bad = [i for i, video in enumerate(videos) if i not in set(good)]
+    failures = min(len(bad), max(most // 2, most - len(good)))
+    return [videos[i] for i in sorted(good[: most - failures] + bad[:failures])]
+
+
+def _strips(videos: list[EmbeddedVideo]) -> list[EmbeddedVideo]:
+    """The first success and the first failure shown."""
+    first = {}
+    for video in videos:
+        first.setdefault(video.episode is None or video.episode.success, video)
+    return list(first.values())
+
+
+def _figures(paths: Sequence[Path]) -> list[dict[str, str]]:
+    """Pictures to embed, known ones first; of one picture in two formats the first by name."""
+    known = list(FIGURE_CAPTIONS)
+
+    def kind(path: Path) -> int:
+        return next((i for i, name in enumerate(known) if path.stem.startswith(name)), len(known))
+
+    one_a_stem = list({path.with_suffix(""): path for path in reversed(paths)}.values())[::-1]
+    return [
+        {
+            "uri": embed_file(path),
+            "caption": [*FIGURE_CAPTIONS.values(), path.stem.replace("_", " ").capitalize() + "."][kind(path)],
+            "name": path.stem,
+        }
+        for path in sorted(one_a_stem, key=kind)
+        if not path.stem.startswith(_DRAWN_HERE)
+    ]
+
+
+def _trainings(runs: Sequence[Run]) -> list[_Training]:
+    return [
+        _Training(run, label, i % len(SERIES), run.held_out(), yaml.safe_dump(dict(run.config), sort_keys=False))
+        for i, (run, label) in enumerate(zip(runs, run_labels(runs)))
+    ]
+
+
+def _panels(runs: Sequence[Run]) -> list[Markup]:
+    wanted = [(stage, "valid_loss", title) for stage, title in LOSSES]
+    wanted += [("predictor", value, title) for value, title in ERRORS]
+    drawn = [
+        (stage, value, title) for stage, value, title in wanted if any(len(run.series(stage, value)[0]) for run in runs)
+    ]
+    return [
+        Markup(page_svg(curve_panel(runs, stage, value, title), f"panel{i}"))  # noqa: S704 drawn and escaped by matplotlib
+        for i, (stage, value, title) in enumerate(drawn)
+    ]
+
+
+def _versions(sources: Sources) -> dict[str, str]:
+    """Package -> versions; several if results differ."""
+    found: dict[str, list[str]] = {}
+    for record in sources.records:
+        for package, version in record.versions.items():
+            if version not in found.setdefault(package, []):
+                found[package].append(version)
+    return {package: ", ".join(versions) for package, versions in sorted(found.items())}
+
+
+def _patches(groups: Sequence[TransferGroup]) -> dict[str, str]:
+    """Patch -> the robots that it was applied to."""
+    with_patch: dict[str, list[str]] = {}
+    for group in groups:
+        for patch in group.records[0].patches:
+            with_patch.setdefault(patch, []).append(group.records[0].robot)
+    return {patch: ", ".join(dict.fromkeys(robots)) for patch, robots in sorted(with_patch.items())}
+
+
+def _planners(groups: Sequence[TransferGroup]) -> list[dict[str, Any]]:
+    """SHA-256 -> where it was used."""
+    used: dict[str, list[str]] = {}
+    for group in groups:
+        for record in group.records:
+            if record.planner_sha256:
+                used.setdefault(record.planner_sha256, []).append(record.title)
+    return [{"sha256": sha256, "used": list(dict.fromkeys(titles))} for sha256, titles in used.items()]
