@@ -45,7 +45,7 @@ def test_reads_every_version_alike(tiny_square, version):
 
 def test_indexing(tiny_square):
     demos = Demonstrations(tiny_square())
-    assert demos[3].name == demos[-1].name == "demo_10"
+    assert demos[3].name == demos[-1].name == demos[np.int64(3)].name == "demo_10"
     assert [demo.name for demo in demos[:2]] == ["demo_0", "demo_1"]
     with pytest.raises(DatasetError, match="the file has 4, from demo_0 to demo_10"):
         demos["demo_7"]

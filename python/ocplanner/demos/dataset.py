@@ -69,7 +69,7 @@ class Demonstrations(Sequence[Demonstration]):
         """One demonstration, by name or by its place in the natural order; a slice gives a list."""
         if isinstance(index, slice):
             return [self[name] for name in self.names[index]]
-        if isinstance(index, int):
+        if not isinstance(index, str):
             return Demonstration(self._file, self._recording, self.names[index])
         if index not in self.names:
             remedy = f"the file has {len(self)}, from {self.names[0]} to {self.names[-1]}"
