@@ -19,7 +19,8 @@ def test_release_is_the_numeric_prefix(text: str, release: tuple[int, ...]) -> N
 
 
 @pytest.mark.parametrize(
-    ("package", "version"), [("mujoco", "3.10.0"), ("mujoco", "4.0.0"), ("numpy", "2.1.0"), ("robosuite", "1.4.1")]
+    ("package", "version"),
+    [("mujoco", "3.8.0"), ("mujoco", "3.10.0"), ("mujoco", "4.0.0"), ("numpy", "2.1.0"), ("robosuite", "1.4.1")],
 )
 def test_a_version_outside_its_pin_names_what_to_install(monkeypatch, package: str, version: str) -> None:
     real = metadata.version

@@ -1,6 +1,7 @@
 """The dependency pins that matter at run time, checked once at import.
 
-robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. A newer version
+robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. From mujoco 3.8 on
+the links of its Robotiq 85 gripper (UR5e, Kinova3) collide, so that it closes to 53 mm only. A newer version
 of either breaks late and obscurely, so the package refuses to start and says what to install.
 """
 
@@ -10,7 +11,7 @@ from ocplanner.errors import VersionError
 
 PINS = {
     "robosuite": ((1, 5, 2), (1, 5, 3), "robosuite==1.5.2"),
-    "mujoco": ((3, 3), (3, 10), "mujoco>=3.3,<3.10"),
+    "mujoco": ((3, 3), (3, 8), "mujoco>=3.3,<3.8"),
     "numpy": ((1, 26), (2,), "numpy>=1.26,<2"),
 }
 
