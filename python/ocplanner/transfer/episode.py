@@ -1,0 +1,216 @@
+"""One zero-shot episode: grasp, follow the plan, let go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ocplanner import _core
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.transfer.body import OPEN, Body, HorizonReached, Reading
+from ocplanner.transfer.follower import Follower
+from ocplanner.transfer.grasp import is_held, take_hold
+from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.symmetry import angle_between
+
+FAILURES = (
+    "missed grasp",
+    "lost grasp",
+    "slip",
+    "stuck in transit",
+    "not aligned",
+    "not released",
+    "time-out",
+)
+
+
+class Plans(Protocol):
+    """What plans: :class:`ocplanner.Planner`, or recorded trajectories in its place."""
+
+    def plan(self, images: dict[str, np.ndarray]) -> Any:
+        """Plan from pictures (B, h, w, 3) uint8 by camera."""
+
+
+@dataclass
+class Trace:
+    """What happened, step by step, for videos and for telling failures apart."""
+
+    readings: list[Reading] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+    plans: list[tuple[int, np.ndarray]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """The outcome of an episode.
+
+    Attributes:
+        seed: of the reset.
+        success: the object is at the goal and the follower itself let go of it.
+        steps: control steps used.
+        failure: one of :data:`FAILURES`, or None.
+        released_by: ``"follower"``, or None if it never let go.
+        trace: the steps.
+    """
+
+    seed: int
+    success: bool
+    steps: int
+    failure: str | None
+    released_by: str | None
+    trace: Trace
+
+
+def run_episode(
+    env: ManipulationEnv,
+    planner: Plans,
+    seed: int,
+    settings: TransferSettings | None = None,
+    *,
+    see: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
+    on_step: Callable[[], None] | None = None,
+) -> Episode:
+    """Run one episode.
+
+    Args:
+        env: the arm before its task, observing as the planner was trained to.
+        planner: anything with ``plan(images)``.
+        seed: of the reset.
+        settings: the follower's numbers.
+        see: changes the pictures before the planner sees them (mask errors).
+        on_step: called after every control step (recording frames).
+    """
+    settings = settings or TransferSettings()
+    trace = Trace()
+
+    def note(reading: Reading) -> None:
+        trace.readings.append(reading)
+        trace.phases.append(program.phase)
+        if on_step is not None:
+            on_step()
+
+    env.reset(seed)
+    law = _core.DeltaPoseLaw(
+        gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
+    )
+    body = Body(env, law, env.horizon, note)
+    program = _Program(env, planner, body, settings, trace, see or (lambda images: images))
+    try:
+        program.run()
+    except HorizonReached:
+        pass
+    success = program.released and env.success()
+    failure = None if success else program.why(env)
+    return Episode(seed, success, body.steps, failure, "follower" if program.released else None, trace)
+
+
+class _Program:
+    def __init__(
+        self,
+        env: ManipulationEnv,
+        planner: Plans,
+        body: Body,
+        settings: TransferSettings,
+        trace: Trace,
+        see: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]],
+    ) -> None:
+        self.env, self.planner, self.body, self.settings, self.trace, self.see = env, planner, body, settings, trace, see
+        self.phase = "grasp"
+        self.released = False
+        self.held_once = False
+        self.lost = False
+        self.grip: Reading | None = None
+        self.follower: Follower | None = None
+
+    def run(self) -> None:
+        spec = self.env.task.object()
+        for _ in range(self.settings.grasp.tries):
+            self.phase, self.lost = "grasp", False
+            grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp)
+            if grip_point is None:
+                self._back_off()
+                continue
+            self.held_once = True
+            if self._follow(grip_point, spec.yaw_fold):
+                self._let_go()
+                return
+            self.lost = True
+            if self._fell_into_place():
+                self._let_go()
+                return
+            self._back_off()
+
+    def _follow(self, grip_point: np.ndarray, yaw_fold: int) -> bool:
+        """True once the follower decides to release, False if the object was lost."""
+        now = self.grip = self.body.read()
+        self.follower = follower = Follower(self.settings, yaw_fold, now.object, self.body.law)
+        step = 0
+        while True:
+            if step % self.settings.following.replan_steps == 0:
+                images = self.see(self.env.observe())
+                plan = self.planner.plan({camera: image[None] for camera, image in images.items()})
+                rotations = None if plan.rotation is None else plan.rotation[0]
+                follower.receive(plan.position[0], rotations, now.object)
+                self.trace.plans.append((self.body.steps, plan.position[0]))
+            command = follower.command(now.object)
+            self.phase = command.phase
+            if command.phase == "release":
+                return True
+            now = self.body.move_object(command.target)
+            step += 1
+            if not is_held(now, grip_point, self.settings.grasp):
+                return False
+
+    def _let_go(self) -> None:
+        self.released = True
+        self.phase = "release"
+        opening, still = self.body.read().opening, 0
+        for _ in range(self.env.robot.stroke_steps):
+            now = self.body.wait(OPEN)
+            still = still + 1 if abs(now.opening - opening) < self.settings.grasp.still else 0
+            opening = now.opening
+            if still >= 2:
+                break
+        self._rise(self.settings.following.retreat)
+
+    def _fell_into_place(self) -> bool:
+        """Whether the object slid out of the hand to where the plan wanted it."""
+        for _ in range(self.settings.grasp.settle_steps):
+            self.body.wait(OPEN)
+        return self.follower is not None and self.follower.may_release(self.body.read().object)
+
+    def _back_off(self) -> None:
+        self.phase = "recover"
+        for _ in range(6):
+            self.body.wait(OPEN)
+        self._rise(self.settings.grasp.hover)
+
+    def _rise(self, height: float) -> None:
+        start = self.body.read().eef
+        top = start.position[2] + height
+        for _ in range(60):
+            now = self.body.move_hand(start._replace(position=np.array([*start.position[:2], top + 0.02])), OPEN)
+            if now.eef.position[2] > top:
+                break
+
+    def why(self, env: ManipulationEnv) -> str:
+        """The class of a failure; looks at contacts, which no decision does."""
+        if self.released:
+            return "not aligned"
+        if not self.held_once:
+            return "missed grasp"
+        if self.lost or self.phase in ("recover", "grasp") or not env.in_contact():
+            return "lost grasp"
+        now = self.body.read()
+        if self.grip is not None:
+            before = self.grip.eef.rotation.T @ self.grip.object.rotation
+            if angle_between(before, now.eef.rotation.T @ now.object.rotation) > 0.8:
+                return "slip"
+        goal = None if self.follower is None else self.follower.goal
+        if goal is not None:
+            if np.linalg.norm(now.object.position - goal.position) < 0.03:
+                return "not released"
+            return "not aligned"
+        recent = np.array([reading.object.position for reading in self.trace.readings[-40:]])
+        return "stuck in transit" if np.ptp(recent, axis=0).max() < 0.03 else "time-out"

@@ -1,0 +1,92 @@
+"""Taking hold of an object whose pose is known, with any gripper (Section 4 of the paper: the grasp is given)."""
+
+import numpy as np
+
+from ocplanner.envs.robots import RobotSpec
+from ocplanner.envs.tasks import ObjectSpec
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import CLOSE, OPEN, Body, Reading
+from ocplanner.transfer.settings import GraspSettings
+from ocplanner.transfer.symmetry import angle_between
+
+_STILL_STEPS = 4
+
+
+def choose_grasp(spec: ObjectSpec, robot: RobotSpec, object_pose: Pose, home: np.ndarray) -> Pose:
+    """The end-effector pose, in the object's frame, of the grasp that turns the wrist least.
+
+    Args:
+        spec: the object and its grasps.
+        robot: the arm.
+        object_pose: of the object, world frame.
+        home: (3, 3) rotation of the end effector before the approach.
+    """
+    site = Pose(np.zeros(3), robot.rotation_grasp_site)
+    candidates = [grasp.pose_object_eef @ site for grasp in spec.grasps]
+    return min(candidates, key=lambda grasp: angle_between((object_pose @ grasp).rotation, home))
+
+
+def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings) -> np.ndarray | None:
+    """Open, approach from above, close and lift a little.
+
+    Returns:
+        (3,) the grip point in the object's frame, or None if the object did not come along.
+
+    Raises:
+        HorizonReached: the episode ended before.
+    """
+    for _ in range(settings.settle_steps):
+        body.wait(OPEN)
+    now = body.read()
+    grasp = choose_grasp(spec, robot, now.object, now.eef.rotation)
+    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
+    _approach(body, grasp, settings.clearance, settings.near, settings)
+    _close(body, _above(body.read().object @ grasp, settings.clearance), robot, settings)
+    held_at = body.read()
+    grip_point, lifted = held_at.grip_point, held_at.eef.position + [0.0, 0.0, settings.probe]
+    for _ in range(settings.approach_steps):
+        now = body.move_hand(Pose(lifted, held_at.eef.rotation), CLOSE)
+        if not is_held(now, grip_point, settings):
+            return None
+        if now.eef.position[2] > lifted[2] - settings.near:
+            break
+    return now.grip_point
+
+
+def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
+    """Whether the hand still is where it took hold of the object; the object may turn in the grip."""
+    return float(np.linalg.norm(now.grip_point - grip_point)) < settings.held
+
+
+def _above(pose: Pose, height: float) -> Pose:
+    return Pose(pose.position + [0.0, 0.0, height], pose.rotation)
+
+
+def _approach(body: Body, grasp: Pose, height: float, near: float, settings: GraspSettings) -> None:
+    """Move above the grasp; the object is watched all along, since the hand may push it."""
+    still, before = 0, body.read().eef.position
+    for _ in range(settings.approach_steps):
+        target = _above(body.read().object @ grasp, height)
+        now = body.move_hand(target, OPEN)
+        moved = float(np.linalg.norm(now.eef.position - before))
+        before = now.eef.position
+        if (
+            np.linalg.norm(now.eef.position - target.position) < near
+            and angle_between(now.eef.rotation, target.rotation) < settings.near_rotation
+            and moved < max(settings.slow, 0.5 * near)
+        ):
+            return
+        still = still + 1 if moved < settings.still else 0
+        if still >= 2 * _STILL_STEPS:  # as near as this arm gets
+            return
+
+
+def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) -> None:
+    """Close until the fingers stop; a stroke takes 12 steps for one gripper and 200 for another."""
+    opening, still = body.read().opening, 0
+    for _ in range(robot.stroke_steps + 2 * _STILL_STEPS):
+        now = body.move_hand(hand, CLOSE)
+        still = still + 1 if abs(now.opening - opening) < settings.still else 0
+        opening = now.opening
+        if still >= _STILL_STEPS:
+            return
