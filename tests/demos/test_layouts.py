@@ -208,3 +208,25 @@ def test_square_ph_is_absolute_first_by_all_witnesses(square_ph):
     assert order_from_relative_pose(block, *eef) == "absolute-first"
     assert order_from_relative_pose(np.roll(block, 7, axis=1), *eef) == "relative-first"
     assert demo.object_layout() == "absolute-first"
+
+
+@pytest.mark.parametrize(
+    ("env_name", "order"),
+    [("NutAssemblySquare", "relative-first"), ("PickPlaceCan", "relative-first"), ("Lift", "absolute-first")],
+)
+def test_what_the_installed_robosuite_emits(env_name, order):
+    """A later robosuite that reorders ``object`` once more would be noticed here."""
+    suite = pytest.importorskip("robosuite")
+    env = suite.make(env_name, robots="Panda", has_renderer=False, has_offscreen_renderer=False, use_camera_obs=False)
+    rng = np.random.default_rng(0)
+    observations, states = [env.reset()], [env.sim.get_state().flatten()]
+    for _ in range(12):
+        observations.append(env.step(rng.uniform(-0.5, 0.5, 7))[0])
+        states.append(env.sim.get_state().flatten())
+    env.close()
+    block, eef_pos, eef_quat = (
+        np.array([observation[key] for observation in observations])
+        for key in ("object-state", "robot0_eef_pos", "robot0_eef_quat")
+    )
+    versions = {"env_version": suite.__version__, "eef_pos": eef_pos, "eef_quat_xyzw": eef_quat}
+    assert detect_order(block, env_name, states=np.array(states), **versions) == order
