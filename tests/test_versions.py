@@ -34,7 +34,7 @@ def test_a_missing_package_names_what_to_install(monkeypatch) -> None:
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", missing)
-    with pytest.raises(VersionError, match="robosuite is not installed; run: pip install 'robosuite==1.5.2'"):
+    with pytest.raises(VersionError, match=r"robosuite is not installed; run: pip install 'robosuite==1\.5\.2'"):
         versions.check_pins()
 
 

@@ -1,8 +1,8 @@
 """The dependency pins that matter at run time, checked once at import.
 
-robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. From mujoco 3.8 on
-the links of its Robotiq 85 gripper (UR5e, Kinova3) collide, so that it closes to 53 mm only. A newer version
-of either breaks late and obscurely, so the package refuses to start and says what to install.
+robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. From mujoco
+3.8 on the links of its Robotiq 85 gripper (UR5e, Kinova3) collide, so that it closes to 53 mm only. A newer version of
+either breaks late and obscurely, so the package refuses to start and says what to install.
 """
 
 from importlib import metadata
@@ -35,7 +35,7 @@ def check_pins() -> None:
     """Check every pin.
 
     Raises:
-        VersionError: a pinned package is missing or outside its range; the message holds the ``pip`` line that mends it.
+        VersionError: a pinned package is missing or outside its range; the message holds the ``pip`` line to run.
     """
     for package, (lowest, above, requirement) in PINS.items():
         try:

@@ -1,6 +1,7 @@
 """The command line: ``ocplanner VERB``, one module a verb.
 
-A verb module holds a frozen dataclass whose fields are the flags, with a method ``run()``, bound to the name ``COMMAND``.
+A verb module holds a frozen dataclass whose fields are the flags, with a method ``run()``, bound to the name
+``COMMAND``.
 """
 
 import importlib
