@@ -17,6 +17,7 @@ _MIN_TRIANGLES = 300
 _MAX_TRIANGLES = 4000
 _KEPT_FRACTION = 0.1
 _AGGRESSION = 3  # the library's default of 7 tears rails and fingers to pieces
+_SUFFIX = "_simplified"
 _VERSION = b"ocplanner mesh 2"
 
 
@@ -27,18 +28,35 @@ def cache_folder() -> Path:
 
 
 def simplify_visual_meshes(root: ET.Element) -> None:
-    """Point the mesh assets that only visual geoms use at simplified copies.
+    """Draw visual geoms with simplified copies of their meshes; colliding geoms keep theirs.
 
-    A mesh stays as it is if a colliding geom uses it too, if an image is wrapped around it, or if it is small.
+    A geom stays as it is if it collides, if an image is wrapped around it, or if its mesh is small.
     """
     asset = root.find("asset")
     if asset is None:
         return
-    replaceable = _purely_visual_meshes(root) - _image_mapped_meshes(root, asset)
-    for mesh in asset.findall("mesh"):
-        path = Path(mesh.get("file", ""))
-        if mesh.get("name") in replaceable and path.suffix.lower() in {".obj", ".stl"} and path.is_file():
-            mesh.set("file", str(simplified(path)))
+    meshes = {mesh.get("name", ""): mesh for mesh in asset.findall("mesh")}
+    wrapped = _image_mapped_materials(asset)
+    for geom in root.iter("geom"):
+        mesh = meshes.get(geom.get("mesh", ""))
+        if mesh is None or geom.get("material") in wrapped:
+            continue
+        if geom.get("contype", "1") == "0" and geom.get("conaffinity", "1") == "0":
+            geom.set("mesh", _simplified_asset(asset, meshes, mesh))
+
+
+def _simplified_asset(asset: ET.Element, meshes: dict[str, ET.Element], mesh: ET.Element) -> str:
+    """Name of the simplified twin of a mesh asset, added if it is not there yet; its own where there is no use."""
+    name, path = mesh.get("name", ""), Path(mesh.get("file", ""))
+    twin = f"{name}{_SUFFIX}"
+    if twin not in meshes:
+        if name.endswith(_SUFFIX) or path.suffix.lower() not in {".obj", ".stl"} or not path.is_file():
+            return name
+        copy = simplified(path)
+        if copy == path:
+            return name
+        meshes[twin] = ET.SubElement(asset, "mesh", {**mesh.attrib, "name": twin, "file": str(copy)})
+    return twin
 
 
 def simplified(path: Path) -> Path:
@@ -90,17 +108,6 @@ def _compiles(mesh: trimesh.Trimesh) -> bool:
     return True
 
 
-def _purely_visual_meshes(root: ET.Element) -> set[str]:
-    visual, colliding = set(), set()
-    for geom in root.iter("geom"):
-        name = geom.get("mesh")
-        if name is not None:
-            harmless = geom.get("contype", "1") == "0" and geom.get("conaffinity", "1") == "0"
-            (visual if harmless else colliding).add(name)
-    return visual - colliding
-
-
-def _image_mapped_meshes(root: ET.Element, asset: ET.Element) -> set[str]:
+def _image_mapped_materials(asset: ET.Element) -> set[str | None]:
     flat = {texture.get("name") for texture in asset.findall("texture") if texture.get("type", "cube") == "2d"}
-    wrapped = {material.get("name") for material in asset.findall("material") if material.get("texture") in flat}
-    return {geom.get("mesh", "") for geom in root.iter("geom") if geom.get("material") in wrapped}
+    return {material.get("name") for material in asset.findall("material") if material.get("texture") in flat}

@@ -1,6 +1,7 @@
 """Drawing a MuJoCo scene into an array, off screen."""
 
 import atexit
+import sys
 import weakref
 from typing import Any
 
@@ -44,6 +45,7 @@ class Renderer:
         preset: VisualPreset,
         robot_geoms: np.ndarray,
     ) -> None:
+        self._gl: Any = None
         self.width = width
         self.height = height
         self._model = model
@@ -57,7 +59,7 @@ class Renderer:
         if not preset.shadows:
             model.vis.quality.shadowsize = 0
         try:
-            self._gl: Any = mujoco.GLContext(width, height)
+            self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except Exception as error:  # each OpenGL backend raises its own classes
@@ -131,6 +133,11 @@ class Renderer:
             self._gl.free()
             self._gl = None
             _open.discard(self)
+
+    def __del__(self) -> None:
+        """Free the context while it is the current one: mujoco's destructor would free another's objects."""
+        if not sys.is_finalizing():
+            self.close()
 
     def _draw(self, camera: int, options: Any) -> np.ndarray:
         self._gl.make_current()

@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+
+from ocplanner.envs import make_env
+from ocplanner.envs.robots import ROBOTS
+from ocplanner.errors import ShapeError, UnknownNameError
+from ocplanner.pose import Pose
+
+OPEN = np.array([0, 0, 0, 0, 0, 0, -1.0])
+CLOSE = -OPEN
+
+
+@pytest.mark.parametrize("robot", sorted(ROBOTS))
+def test_every_arm_does_square(shared_env, robot: str):
+    env = shared_env("Square", robot)
+    env.reset(1)
+    before = env.eef_pose()
+    for _ in range(3):
+        env.step(np.array([0, 0, 1.0, 0, 0, 0, -1]))
+    assert env.steps == 3
+    assert env.eef_pose().position[2] > before.position[2] + 0.005
+    assert env.eef_pose().rotation[2, 2] < -0.9  # the palm looks down
+    assert env.observe()["agentview"].shape == (84, 84, 3)
+    assert not env.success()
+    assert not env.in_contact()
+    np.testing.assert_allclose(env.base_rotation @ env.base_rotation.T, np.eye(3), atol=1e-9)
+
+
+@pytest.mark.parametrize("task", ["Lift", "Can"])
+def test_other_tasks_start(shared_env, task: str):
+    env = shared_env(task, "Panda")
+    env.reset(0)
+    env.step(OPEN)
+    pose = env.object_pose()
+    assert 0.5 < pose.position[2] < 1.2
+    assert not env.success()
+
+
+@pytest.mark.parametrize("robot", ["Panda", "Sawyer"])
+def test_a_seed_fixes_the_episode_whatever_came_before(shared_env, robot: str):
+    env = shared_env("Square", robot)
+    actions = np.random.default_rng(0).uniform(-1, 1, (10, 7))
+
+    def play() -> np.ndarray:
+        env.reset(7)
+        for action in actions:
+            env.step(action)
+        return np.concatenate([env.data.qpos, env.data.qvel])
+
+    first = play()
+    env.reset(8)
+    assert not np.array_equal(env.data.qpos, first[: env.model.nq])
+    env.step(CLOSE)
+    np.testing.assert_array_equal(play(), first)
+
+
+@pytest.mark.parametrize("robot", ["Panda", "Sawyer", "UR5e", "IIWA"])
+@pytest.mark.parametrize("grasp", [0, 1])
+def test_inverse_kinematics_reaches_the_grasp(shared_env, robot: str, grasp: int):
+    env = shared_env("Square", robot)
+    env.reset(3)
+    held = env.object_pose() @ env.task.object().grasps[grasp].pose_object_eef
+    wanted = Pose(held.position + np.array([0, 0, 0.05]), held.rotation @ env.robot.rotation_grasp_site)
+    error = env.place_eef(wanted)
+    assert error < 2e-3
+    np.testing.assert_allclose(env.eef_pose().position, wanted.position, atol=1e-3)
+    np.testing.assert_allclose(env.eef_pose().rotation, wanted.rotation, atol=1e-2)
+    assert env.place_eef(wanted) <= error + 1e-9
+
+
+def test_what_is_out_of_reach_is_said(shared_env):
+    env = shared_env()
+    env.reset(0)
+    assert env.place_eef(Pose(np.array([3.0, 0, 1]), env.eef_pose().rotation), restarts=1) > 1.0
+
+
+@pytest.mark.parametrize("robot", ["Panda", "IIWA", "Kinova3"])
+def test_a_gripper_opens_as_far_as_asked(shared_env, robot: str):
+    env = shared_env("Square", robot)
+    env.reset(0)
+    pose = env.eef_pose()
+    for opening in (0.06, 0.075):
+        env.place_eef(pose, opening, restarts=0)
+        assert env.gripper_opening == pytest.approx(opening, abs=4e-3)
+
+
+def test_objects_go_where_they_are_put(shared_env):
+    env = shared_env()
+    env.reset(0)
+    turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    env.place_object(Pose(np.array([0.1, 0.2, 0.9]), turned))
+    np.testing.assert_allclose(env.object_pose().position, [0.1, 0.2, 0.9])
+    np.testing.assert_allclose(env.object_pose().rotation, turned, atol=1e-12)
+
+
+def test_a_held_nut_is_in_contact_and_a_placed_nut_is_a_success(shared_env):
+    env = shared_env()
+    env.reset(0)
+    for _ in range(10):
+        env.step(OPEN)
+    held = env.object_pose() @ env.task.object().grasps[0].pose_object_eef
+    env.place_eef(held, 0.08)
+    assert not env.in_contact()
+    for _ in range(12):
+        env.step(CLOSE)
+    assert env.in_contact()
+    assert 0.01 < env.gripper_opening < 0.04
+    env.reset(0)
+    peg = env.data.body("peg1").xpos
+    env.place_object(Pose(np.array([peg[0], peg[1], 0.83]), np.eye(3)))
+    assert env.success()
+
+
+def test_states_of_the_recordings_are_reproduced(shared_env, square_ph):
+    from ocplanner.demos.dataset import Demonstrations
+
+    env = shared_env()
+    with Demonstrations(square_ph) as demos:
+        for name in ("demo_0", "demo_191"):
+            demo = demos[name]
+            positions, rotations = demo.object_poses("SquareNut")
+            states, eef = demo.states, demo.eef_positions
+            for row in range(0, demo.length, 25):
+                env.set_state(states[row])
+                np.testing.assert_allclose(env.object_pose().position, positions[row], atol=1e-12)
+                np.testing.assert_allclose(env.object_pose().rotation, rotations[row], atol=1e-6)
+                np.testing.assert_allclose(env.eef_pose().position, eef[row], atol=1e-9)
+
+
+def test_projection_meets_the_picture(shared_env):
+    env = shared_env()
+    env.reset(0)
+    full = env.render("agentview", 168, 168, "no-robot").astype(int)
+    position = env.object_pose().position
+    env.place_object(Pose(np.array([5.0, 5, 0.9]), np.eye(3)))
+    rows, columns = np.nonzero(np.abs(full - env.render("agentview", 168, 168, "no-robot")).sum(-1) > 60)
+    x, y = env.project("agentview", position[None], 168, 168)[0]
+    assert columns.min() - 1 <= x <= columns.max() + 1
+    assert rows.min() - 1 <= y <= rows.max() + 1
+    assert np.isnan(env.project("agentview", np.array([[50.0, 0, 0]]), 168, 168)).all()
+
+
+def test_bad_input_is_told_apart(shared_env):
+    env = shared_env()
+    for wrong in ({"robot": "PR2"}, {"task": "Cook"}, {"cameras": ("wrist",)}, {"observe": "half"}):
+        with pytest.raises(UnknownNameError, match="known"):
+            make_env(**{"task": "Square", **wrong})
+    for wrong in ({"visual": "ray-traced"}, {"control": "manual"}, {"patches": ("wings",)}):
+        with pytest.raises(UnknownNameError, match="known"):
+            make_env("Square", **wrong)
+    with pytest.raises(UnknownNameError, match="agentview"):
+        env.render("behind", 84, 84)
+    with pytest.raises(ShapeError, match=r"\(7,\)"):
+        env.step(np.zeros(6))
+    with pytest.raises(ShapeError, match=r"\(45,\)"):
+        env.set_state(np.zeros(47))

@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from ocplanner.envs.tasks import task, task_of_env, tasks
+from ocplanner.errors import UnknownNameError
+
+
+@pytest.mark.parametrize("name", sorted(tasks()))
+def test_every_task_is_found_by_both_names(name: str):
+    found = task(name)
+    assert found.name == name
+    assert task_of_env(found.env_name) is found
+    assert found.object() is found.objects[0]
+
+
+@pytest.mark.parametrize("name", sorted(tasks()))
+def test_grasp_frames_are_rotations_that_approach_from_above(name: str):
+    for spec in task(name).objects:
+        assert len({grasp.name for grasp in spec.grasps}) == len(spec.grasps) > 0
+        for grasp in spec.grasps:
+            rotation = grasp.pose_object_eef.rotation
+            np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+            assert np.linalg.det(rotation) == pytest.approx(1.0)
+            np.testing.assert_allclose(rotation[:, 2], [0, 0, -1], atol=1e-12)
+            assert spec.grasp(grasp.name) is grasp
+
+
+def test_unknown_names_list_the_known():
+    with pytest.raises(UnknownNameError, match="Square"):
+        task("Sqare")
+    with pytest.raises(UnknownNameError, match="NutAssemblySquare"):
+        task_of_env("Door")
+    with pytest.raises(UnknownNameError, match="SquareNut"):
+        task("Square").object("RoundNut")
+    with pytest.raises(UnknownNameError, match="handle"):
+        task("Square").object().grasp("hole")
