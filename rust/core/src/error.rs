@@ -24,6 +24,12 @@ pub enum Error {
         /// What it should be.
         expected: &'static str,
     },
+    /// A weight file is damaged, or made for something else.
+    #[error("not a valid weight file: {problem}")]
+    WeightFile {
+        /// What is wrong with it.
+        problem: String,
+    },
 }
 
 /// The crate's result.

@@ -5,4 +5,7 @@
 
 pub mod delta_pose;
 pub mod error;
+pub mod nn;
+pub mod planner;
 pub mod pose;
+pub mod weights;

@@ -305,7 +305,7 @@ mod tests {
         }
 
         #[test]
-        fn exp_inverts_log_up_to_half_a_turn(axis in vector(1.0), angle in 3.14..PI) {
+        fn exp_inverts_log_up_to_half_a_turn(axis in vector(1.0), angle in (PI - 1e-3)..PI) {
             prop_assume!(norm(&axis) > 1e-3);
             let rotation = rotation_exp(&scale(&axis, angle / norm(&axis))).unwrap();
             prop_assert!(close(&rotation_exp(&rotation_log(&rotation).unwrap()).unwrap(), &rotation, 1e-9));

@@ -7,9 +7,19 @@ use pyo3::prelude::*;
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let name = match error {
         Error::Shape { .. } => "ShapeError",
+        Error::WeightFile { .. } => "PlannerFileError",
         _ => "InvalidValueError",
     };
-    match py.import("ocplanner.errors").and_then(|module| module.getattr(name)?.call1((error.to_string(),))) {
+    named(py, name, error.to_string())
+}
+
+/// A `ShapeError` with this message.
+pub fn shape_error(py: Python<'_>, message: String) -> PyErr {
+    named(py, "ShapeError", message)
+}
+
+fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
+    match py.import("ocplanner.errors").and_then(|module| module.getattr(class)?.call1((message,))) {
         Ok(exception) => PyErr::from_value(exception),
         Err(import_error) => import_error,
     }

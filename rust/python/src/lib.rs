@@ -2,8 +2,10 @@
 
 use pyo3::prelude::*;
 
+mod arrays;
 mod delta_pose;
 mod errors;
+mod planner;
 mod pose;
 
 #[pymodule]
@@ -13,6 +15,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         pose::register(module)?;
+        planner::register(module)?;
         delta_pose::register(module)
     }
 }

@@ -1,0 +1,98 @@
+"""The trained planner: images in, the object's future poses out. The forward pass runs in Rust, without torch."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocplanner import _core
+from ocplanner.errors import MismatchError, PlannerFileError
+
+Images = Mapping[str, NDArray[np.uint8]]
+
+
+class Plan(NamedTuple):
+    """Future poses of the object in the world frame; step k of the H steps is m'_{t+k+1}.
+
+    Attributes:
+        position: (B, H, 3) float64, metres; (B, M, H, 3) from :meth:`Planner.plan_modes`.
+        rotation: (B, H, 3, 3) float64, object -> world, or (B, M, H, 3, 3); None if the planner plans positions only.
+        probability: (B,) or (B, M) float64, the planner's belief in each plan.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray | None
+    probability: np.ndarray
+
+
+class Planner:
+    """A planner file, loaded. Safe to share between threads: calls release the GIL and run at the same time."""
+
+    def __init__(self, path: Path, data: bytes, storage: Literal["f32", "bf16"]) -> None:
+        """Use :meth:`load`."""
+        self.path = path
+        self.sha256 = hashlib.sha256(data).hexdigest()
+        self._engine = _core.PlannerEngine(data, storage)
+        self.config: Mapping[str, Any] = MappingProxyType(json.loads(self._engine.config_json))
+        self._cameras: tuple[str, ...] = tuple(self.config["cameras"])
+
+    @classmethod
+    def load(cls, path: str | Path, storage: Literal["f32", "bf16"] = "f32") -> "Planner":
+        """Read a planner file.
+
+        Args:
+            path: a ``.safetensors`` file written by ``ocplanner train-planner``.
+            storage: keep the weights as in the file, or rounded to bfloat16, which halves the memory traffic and moves
+                a plan by less than half a millimetre; the arithmetic is float32 either way.
+
+        Raises:
+            PlannerFileError: the file is missing, damaged, or not a planner.
+        """
+        path = Path(path)
+        try:
+            return cls(path, path.read_bytes(), storage)
+        except OSError as error:
+            raise PlannerFileError(f"{path}: cannot be read: {error.strerror}") from error
+        except PlannerFileError as error:
+            raise PlannerFileError(f"{path}: {error}") from None
+
+    def plan(self, images: Images, threads: int = 1) -> Plan:
+        """Plan with the most probable mode of each image.
+
+        Args:
+            images: camera name -> (B, h, w, 3) uint8 RGB, upright, C-contiguous; cameras that the planner does not
+                use are ignored.
+            threads: threads to deal a batch out to; the plans depend on it only by rounding.
+
+        Raises:
+            MismatchError: a camera is missing.
+            ShapeError: an array has the wrong shape, dtype or memory order.
+        """
+        return Plan(*self._engine.plan(self._arrays(images), False, threads))
+
+    def plan_modes(self, images: Images, threads: int = 1) -> Plan:
+        """Plan with every mode, in the network's order: the arrays get a second axis M. Otherwise as :meth:`plan`."""
+        return Plan(*self._engine.plan(self._arrays(images), True, threads))
+
+    def encode(self, images: Images, threads: int = 1) -> NDArray[np.float32]:
+        """Latent means (B, latent) of the most probable mode of each image. Raises as :meth:`plan`."""
+        return self._engine.encode(self._arrays(images), threads)
+
+    def _arrays(self, images: Images) -> list[NDArray[np.uint8]]:
+        missing = [camera for camera in self._cameras if camera not in images]
+        if missing:
+            raise MismatchError(
+                f"the planner wants images of {', '.join(self._cameras)}; missing: {', '.join(missing)}; "
+                f"given: {', '.join(images) or 'none'}"
+            )
+        return [images[camera] for camera in self._cameras]
+
+    def __repr__(self) -> str:
+        """Name, object and size of the plan."""
+        config = self.config
+        return f"Planner({str(self.path)!r}, horizon={config['horizon']}, outputs={config['outputs']!r})"

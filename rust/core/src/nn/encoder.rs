@@ -1,0 +1,339 @@
+//! The image encoder of one camera: cropped uint8 pixels to a feature row.
+
+use serde::Deserialize;
+
+use super::conv::{Conv, ConvWeights, MaxPool, Plane, Window};
+use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax};
+use super::linear::Linear;
+use crate::error::Result;
+use crate::weights::{WeightFile, fault};
+
+/// The encoder's part of a planner's configuration.
+#[derive(Debug, Clone, Deserialize)]
+pub struct EncoderConfig {
+    /// Which trunk.
+    #[serde(rename = "type")]
+    pub trunk: Trunk,
+    /// Channels of each convolution of the small trunk.
+    #[serde(default)]
+    pub channels: Vec<usize>,
+    /// How the feature map becomes numbers.
+    pub pool: Pool,
+    /// Keypoints of the spatial softmax.
+    #[serde(default)]
+    pub keypoints: usize,
+    /// Temperature of the spatial softmax.
+    #[serde(default = "one")]
+    pub temperature: f32,
+    /// Length of the feature row.
+    pub feature: usize,
+    /// Whether the last layer is rectified.
+    #[serde(default)]
+    pub feature_relu: bool,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// Convolution trunks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trunk {
+    /// 3 x 3 convolutions of stride 2.
+    Small,
+    /// torchvision's ResNet-18 without pooling and classifier.
+    Resnet18,
+}
+
+/// What follows the trunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pool {
+    /// Expected position of each keypoint's activation.
+    SpatialSoftmax,
+    /// The whole feature map.
+    Flatten,
+}
+
+/// Three feature maps suffice for every trunk: the block's input, its middle and its shortcut.
+const SLOTS: usize = 3;
+
+/// Memory of an encoder, reused between calls.
+#[derive(Debug, Default)]
+pub struct EncoderWorkspace {
+    pixels: Buffer,
+    slots: [Buffer; SLOTS],
+    positions: Buffer,
+}
+
+#[derive(Debug)]
+enum Step {
+    Conv { conv: Conv, from: usize, to: usize, accumulate: bool },
+    MaxPool { pool: MaxPool, from: usize, to: usize },
+}
+
+/// Encoder of one camera.
+#[derive(Debug)]
+pub struct Encoder {
+    level: Level,
+    crop: usize,
+    pixels: Plane,
+    first: Conv,
+    steps: Vec<Step>,
+    last: usize,
+    map: Plane,
+    keypoints: Option<Keypoints>,
+    fully_connected: Linear,
+}
+
+#[derive(Debug)]
+struct Keypoints {
+    conv: Conv,
+    count: usize,
+    temperature: f32,
+    positions: Vec<[f32; 2]>,
+}
+
+/// Takes the tensors of one camera out of a weight file and plans the steps.
+struct Builder<'a> {
+    level: Level,
+    storage: Storage,
+    file: &'a mut WeightFile,
+    prefix: String,
+}
+
+impl Builder<'_> {
+    fn conv(
+        &mut self,
+        name: &str,
+        channels: (usize, usize),
+        window: Window,
+        input: Plane,
+        border: usize,
+        relu: bool,
+    ) -> Result<Conv> {
+        self.scaled_conv(name, channels, window, input, border, relu, 1.0)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "a convolution has this many properties")]
+    fn scaled_conv(
+        &mut self,
+        name: &str,
+        (inputs, outputs): (usize, usize),
+        window: Window,
+        input: Plane,
+        border: usize,
+        relu: bool,
+        scale: f32,
+    ) -> Result<Conv> {
+        let shape = [outputs, inputs, window.kernel, window.kernel];
+        let weight = self.file.take(&format!("{}.{name}.weight", self.prefix), &shape)?;
+        let bias = self.file.take(&format!("{}.{name}.bias", self.prefix), &[outputs])?;
+        let weights = ConvWeights { weight: &weight, bias: &bias, inputs, scale };
+        Conv::new(self.level, self.storage, weights, window, input, border, relu)
+    }
+}
+
+impl Encoder {
+    /// Takes the tensors `encoder.<camera>.*` for images cropped to `crop` x `crop`.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::WeightFile`] if the configuration is impossible or tensors do not fit it.
+    pub fn load(
+        level: Level,
+        storage: Storage,
+        config: &EncoderConfig,
+        camera: &str,
+        crop: usize,
+        file: &mut WeightFile,
+    ) -> Result<Self> {
+        let mut build = Builder { level, storage, file, prefix: format!("encoder.{camera}") };
+        let (first, steps, last, map) = match config.trunk {
+            Trunk::Small => small(&mut build, config, crop)?,
+            Trunk::Resnet18 => resnet18(&mut build, crop)?,
+        };
+        let pixels = first.input_plane();
+        let channels = match config.trunk {
+            Trunk::Small => config.channels[config.channels.len() - 1],
+            Trunk::Resnet18 => 512,
+        };
+        let keypoints = match config.pool {
+            Pool::Flatten => None,
+            Pool::SpatialSoftmax => Some(keypoints(&mut build, config, channels, map)?),
+        };
+        let (area, stored) = (map.height * map.width, map.channels);
+        let columns = keypoints.as_ref().map_or(area * channels, |keypoints| 2 * keypoints.count);
+        let weight = build.file.take(&format!("{}.fc.weight", build.prefix), &[config.feature, columns])?;
+        let bias = build.file.take(&format!("{}.fc.bias", build.prefix), &[config.feature])?;
+        let relu = config.feature_relu;
+        let fully_connected = if keypoints.is_some() {
+            let at = |out: usize, k: usize| if k < columns { weight[out * columns + k] } else { 0.0 };
+            Linear::new(level, storage, config.feature, padded(columns), at, &bias, relu)
+        } else {
+            // The file's order is (channel, row, column), ours (row, column, channel).
+            let at = |out: usize, k: usize| match k % stored {
+                channel if channel < channels => weight[out * columns + channel * area + k / stored],
+                _ => 0.0,
+            };
+            Linear::over_map(level, storage, config.feature, &map, at, &bias, relu)
+        };
+        Ok(Self { level, crop, pixels, first, steps, last, map, keypoints, fully_connected })
+    }
+
+    /// Length of a feature row, padding included.
+    #[must_use]
+    pub fn feature_stride(&self) -> usize {
+        self.fully_connected.outputs()
+    }
+
+    /// Encodes a batch of (size, size, 3) images, cropped at the centre, to rows of `output`.
+    pub fn run(
+        &self,
+        batch: usize,
+        images: &[u8],
+        size: usize,
+        workspace: &mut EncoderWorkspace,
+        output: &mut [f32],
+        output_stride: usize,
+    ) {
+        self.stage(batch, images, size, &mut workspace.pixels);
+        workspace.slots[0].grow(batch * self.first.output.len());
+        self.first.run(batch, &workspace.pixels, &mut workspace.slots[0], false);
+        for step in &self.steps {
+            let (from, to, len) = match step {
+                Step::Conv { conv, from, to, .. } => (*from, *to, conv.output.len()),
+                Step::MaxPool { pool, from, to } => (*from, *to, pool.output.len()),
+            };
+            workspace.slots[to].grow(batch * len);
+            let Ok([from, to]) = workspace.slots.get_disjoint_mut([from, to]) else {
+                unreachable!("a step reads and writes different slots")
+            };
+            match step {
+                Step::Conv { conv, accumulate, .. } => conv.run(batch, from, to, *accumulate),
+                Step::MaxPool { pool, .. } => pool.run(batch, from, to),
+            }
+        }
+        let map = &workspace.slots[self.last];
+        let Some(keypoints) = &self.keypoints else {
+            self.fully_connected.run(batch, map, self.map.len(), output, output_stride);
+            return;
+        };
+        let logits_len = keypoints.conv.output.len();
+        let row = padded(2 * keypoints.count);
+        let spare = (self.last + 1) % SLOTS;
+        workspace.slots[spare].grow(batch * logits_len);
+        workspace.positions.grow(batch * row);
+        let Ok([map, logits]) = workspace.slots.get_disjoint_mut([self.last, spare]) else {
+            unreachable!("two different slots")
+        };
+        keypoints.conv.run(batch, map, logits, false);
+        let rows = logits.chunks_exact(logits_len).zip(workspace.positions.chunks_exact_mut(row));
+        for (logits, positions) in rows.take(batch) {
+            positions[2 * keypoints.count..].fill(0.0);
+            spatial_softmax(
+                self.level,
+                logits,
+                &keypoints.positions,
+                keypoints.temperature,
+                keypoints.count,
+                positions,
+            );
+        }
+        self.fully_connected.run(batch, &workspace.positions, row, output, output_stride);
+    }
+
+    /// Copies the centre crop of each image into a bordered f32 plane, in 0..=255.
+    fn stage(&self, batch: usize, images: &[u8], size: usize, pixels: &mut Buffer) {
+        let plane = &self.pixels;
+        pixels.grow(batch * plane.len());
+        let inset = (size - self.crop) / 2;
+        let row_stride = plane.row_stride();
+        for (from, to) in images.chunks_exact(size * size * 3).zip(pixels.chunks_exact_mut(plane.len())).take(batch) {
+            plane.clear_border(to);
+            for row in 0..self.crop {
+                let source = &from[((row + inset) * size + inset) * 3..][..self.crop * 3];
+                let start = (row + plane.border) * row_stride + plane.border * 3;
+                for (to, &byte) in to[start..start + self.crop * 3].iter_mut().zip(source) {
+                    *to = f32::from(byte);
+                }
+            }
+        }
+    }
+}
+
+type TrunkPlan = (Conv, Vec<Step>, usize, Plane);
+
+fn small(build: &mut Builder<'_>, config: &EncoderConfig, crop: usize) -> Result<TrunkPlan> {
+    if config.channels.is_empty() {
+        return Err(fault("encoder: channels is empty".to_owned()));
+    }
+    let window = Window { kernel: 3, stride: 2, padding: 1 };
+    let border = |index: usize| usize::from(index + 1 < config.channels.len());
+    let pixels = Plane::new(crop, crop, 3, 1)?;
+    let first = build.scaled_conv("conv.0", (3, config.channels[0]), window, pixels, border(0), true, 1.0 / 255.0)?;
+    let mut plane = first.output;
+    let mut steps = Vec::new();
+    for (index, pair) in config.channels.windows(2).enumerate() {
+        let conv =
+            build.conv(&format!("conv.{}", index + 1), (pair[0], pair[1]), window, plane, border(index + 1), true)?;
+        plane = conv.output;
+        steps.push(Step::Conv { conv, from: index % 2, to: (index + 1) % 2, accumulate: false });
+    }
+    let last = steps.len() % 2;
+    Ok((first, steps, last, plane))
+}
+
+fn resnet18(build: &mut Builder<'_>, crop: usize) -> Result<TrunkPlan> {
+    let same = Window { kernel: 3, stride: 1, padding: 1 };
+    let pixels = Plane::new(crop, crop, 3, 3)?;
+    let stem = Window { kernel: 7, stride: 2, padding: 3 };
+    let first = build.scaled_conv("stem", (3, 64), stem, pixels, 1, true, 1.0 / 255.0)?;
+    let pool = MaxPool::new(build.level, first.output, 1)?;
+    let mut plane = pool.output;
+    let mut steps = vec![Step::MaxPool { pool, from: 0, to: 1 }];
+    // The slot that holds the block's input.
+    let mut here = 1;
+    let mut inputs = 64;
+    for (layer, outputs) in [(1, 64), (2, 128), (3, 256), (4, 512)] {
+        for block in 0..2 {
+            let name = format!("layer{layer}.{block}");
+            let (middle, other) = ((here + 1) % SLOTS, (here + 2) % SLOTS);
+            let shrinks = block == 0 && layer > 1;
+            let stride = if shrinks { 2 } else { 1 };
+            let conv1 =
+                build.conv(&format!("{name}.conv1"), (inputs, outputs), Window { stride, ..same }, plane, 1, true)?;
+            let conv2 = build.conv(&format!("{name}.conv2"), (outputs, outputs), same, conv1.output, 1, true)?;
+            let shortcut = if shrinks {
+                let window = Window { kernel: 1, stride: 2, padding: 0 };
+                let conv = build.conv(&format!("{name}.downsample"), (inputs, outputs), window, plane, 1, false)?;
+                Some(Step::Conv { conv, from: here, to: other, accumulate: false })
+            } else {
+                None
+            };
+            plane = conv2.output;
+            steps.push(Step::Conv { conv: conv1, from: here, to: middle, accumulate: false });
+            if let Some(shortcut) = shortcut {
+                steps.push(shortcut);
+                here = other;
+            }
+            steps.push(Step::Conv { conv: conv2, from: middle, to: here, accumulate: true });
+            inputs = outputs;
+        }
+    }
+    Ok((first, steps, here, plane))
+}
+
+fn keypoints(build: &mut Builder<'_>, config: &EncoderConfig, channels: usize, map: Plane) -> Result<Keypoints> {
+    if config.keypoints == 0 || !(config.temperature.is_finite() && config.temperature > 0.0) {
+        return Err(fault(format!("encoder: {} keypoints at temperature {}", config.keypoints, config.temperature)));
+    }
+    let window = Window { kernel: 1, stride: 1, padding: 0 };
+    let conv = build.conv("keypoints", (channels, config.keypoints), window, map, 0, false)?;
+    let along = |index: usize, length: usize| {
+        if length == 1 { -1.0 } else { (2.0 * index as f64 / (length as f64 - 1.0) - 1.0) as f32 }
+    };
+    let pixels = (0..map.height).flat_map(|y| (0..map.width).map(move |x| (y, x)));
+    let positions = pixels.map(|(y, x)| [along(x, map.width), along(y, map.height)]).collect();
+    Ok(Keypoints { conv, count: config.keypoints, temperature: config.temperature, positions })
+}

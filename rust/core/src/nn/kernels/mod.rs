@@ -1,0 +1,54 @@
+//! The inner loops, compiled once per instruction set and chosen at run time.
+//!
+//! This is the crate's only module with unsafe code. It is here because intrinsics and unchecked strided access are what
+//! the speed comes from; every entry point checks the extents of its slices before it hands out a pointer, and
+//! [`Level`] values exist only for instruction sets that the processor has.
+#![allow(unsafe_code)]
+#![expect(clippy::needless_range_loop, reason = "loops over constants index registers and are unrolled")]
+
+mod buffer;
+mod level;
+mod lstm;
+mod matmul;
+mod pool;
+mod vector;
+
+pub use buffer::Buffer;
+pub use level::Level;
+pub use lstm::{LstmStep, lstm_step};
+pub use matmul::{Gather, Panels, Product, Storage, matmul};
+pub use pool::{max_pool, spatial_softmax, tanh_in_place};
+
+/// Channels are stored in groups of this many, padded with zeros.
+pub const GROUP: usize = 16;
+
+/// `count` rounded up to whole groups.
+#[must_use]
+pub const fn padded(count: usize) -> usize {
+    count.div_ceil(GROUP) * GROUP
+}
+
+/// Calls `$function::<V>($argument)` with the instruction set of `$level` enabled.
+macro_rules! dispatch {
+    ($level:expr, $function:ident $(::<$weight:ty>)?, $argument:ty, $value:expr) => {{
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f")]
+        unsafe fn on_avx512(argument: $argument) {
+            unsafe { $function::<$crate::nn::kernels::vector::Avx512 $(, $weight)?>(argument) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2,fma")]
+        unsafe fn on_avx2(argument: $argument) {
+            unsafe { $function::<$crate::nn::kernels::vector::Avx2 $(, $weight)?>(argument) }
+        }
+        // SAFETY: a level exists only where the processor has it; the caller upholds the rest.
+        match $level.name() {
+            #[cfg(target_arch = "x86_64")]
+            "avx512" => unsafe { on_avx512($value) },
+            #[cfg(target_arch = "x86_64")]
+            "avx2" => unsafe { on_avx2($value) },
+            _ => unsafe { $function::<$crate::nn::kernels::vector::Portable $(, $weight)?>($value) },
+        }
+    }};
+}
+pub(crate) use dispatch;

@@ -1,0 +1,40 @@
+//! Views of NumPy arrays, checked before anything is read.
+
+use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray};
+use numpy::{PyUntypedArrayMethods, dtype};
+use pyo3::prelude::*;
+
+use crate::errors::shape_error;
+
+/// A read-only view of a C-contiguous array of `T`, or a `ShapeError` that names the argument and what it is instead.
+///
+/// `shape` says in words what is expected, `"(..., 6)"`; its trailing numbers are `trailing`.
+pub fn view<'py, T: Element>(
+    what: &str,
+    value: &Bound<'py, PyAny>,
+    shape: &str,
+    trailing: &[usize],
+) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    let py = value.py();
+    let wanted = dtype::<T>(py);
+    let expected = || format!("expected a C-contiguous {shape} array of {wanted}");
+    let Ok(untyped) = value.cast::<PyUntypedArray>() else {
+        let found = value.get_type().name()?.to_string();
+        return Err(shape_error(py, format!("{what}: {}, found {found}", expected())));
+    };
+    let Ok(array) = value.cast::<PyArrayDyn<T>>() else {
+        let found = untyped.dtype();
+        let order =
+            if found.kind() == wanted.kind() && found.itemsize() == wanted.itemsize() { " byte-swapped" } else { "" };
+        return Err(shape_error(py, format!("{what}: {}, found{order} dtype {found}", expected())));
+    };
+    let found = array.shape();
+    if found.len() < trailing.len() || !found.ends_with(trailing) {
+        return Err(shape_error(py, format!("{what}: {}, found shape {found:?}", expected())));
+    }
+    if !array.is_c_contiguous() {
+        let remedy = "found another memory order; use numpy.ascontiguousarray";
+        return Err(shape_error(py, format!("{what}: {}, {remedy}", expected())));
+    }
+    array.try_readonly().map_err(|_| shape_error(py, format!("{what}: the array is being written elsewhere")))
+}
