@@ -240,6 +240,13 @@ def _one(demo: Demonstration, config: PlannerTraining, object_name: str) -> tupl
     segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
     kept = slice(segment.start, segment.stop)
     pictures = {camera: _pictures(demo, camera, kept, config.observe) for camera in config.cameras}
+    for camera, frames in pictures.items():
+        black = int((~frames.scene.any(axis=(1, 2, 3))).sum())
+        if black:
+            raise DatasetError(
+                f"{demo.name}: {black} of the kept frames of camera {camera!r} are black: they were not rendered; "
+                "render again with `ocplanner render --frames manipulation` or `--frames all`"
+            )
     return future(positions, rotations, segment.start, segment.stop, config.network.horizon), pictures
 
 
