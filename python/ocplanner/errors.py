@@ -60,3 +60,7 @@ class OutputError(OcplannerError):
 
 class TrainingError(OcplannerError):
     """Training cannot go on: a loss is not finite, or a run folder belongs to another configuration."""
+
+
+class WorkerError(OcplannerError):
+    """A worker process died again and again on the same episode."""

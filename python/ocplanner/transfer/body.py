@@ -23,6 +23,11 @@ class Arm(Protocol):
     def gripper_opening(self) -> float: ...  # noqa: D102
 
 
+def raised(pose: Pose, height: float) -> Pose:
+    """The pose moved up, metres."""
+    return Pose(pose.position + np.array([0.0, 0.0, height]), pose.rotation)
+
+
 class HorizonReached(Exception):  # noqa: N818
     """The episode's steps are used up."""
 
@@ -50,7 +55,7 @@ class Body:
         on_step: called after every step with the reading.
     """
 
-    def __init__(  # noqa: D107
+    def __init__(
         self,
         arm: Arm,
         law: _core.DeltaPoseLaw,
@@ -89,9 +94,7 @@ class Body:
     def move_object(self, target: Pose, grip: float = CLOSE) -> Reading:
         """One control step of the held object toward a pose."""
         now = self.read()
-        return self.act(
-            _core.delta_pose_action(now.object, target, now.eef, self._arm.base_rotation, self.law), grip
-        )
+        return self.act(_core.delta_pose_action(now.object, target, now.eef, self._arm.base_rotation, self.law), grip)
 
     def move_hand(self, target: Pose, grip: float) -> Reading:
         """One control step of the hand toward a pose."""

@@ -1,5 +1,6 @@
 """One zero-shot episode: grasp, follow the plan, let go."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -68,7 +69,7 @@ def run_episode(
     seed: int,
     settings: TransferSettings | None = None,
     *,
-    see: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
+    observe: Callable[[ManipulationEnv], dict[str, np.ndarray]] = ManipulationEnv.observe,
     on_step: Callable[[], None] | None = None,
 ) -> Episode:
     """Run one episode.
@@ -78,7 +79,7 @@ def run_episode(
         planner: anything with ``plan(images)``.
         seed: of the reset.
         settings: the follower's numbers.
-        see: changes the pictures before the planner sees them (mask errors).
+        observe: takes the planner's pictures of the environment, (h, w, 3) uint8 by camera.
         on_step: called after every control step (recording frames).
     """
     settings = settings or TransferSettings()
@@ -95,11 +96,9 @@ def run_episode(
         gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
     )
     body = Body(env, law, env.horizon, note)
-    program = _Program(env, planner, body, settings, trace, see or (lambda images: images))
-    try:
+    program = _Program(env, planner, body, settings, trace, observe)
+    with contextlib.suppress(HorizonReached):
         program.run()
-    except HorizonReached:
-        pass
     success = program.released and env.success()
     failure = None if success else program.why(env)
     return Episode(seed, success, body.steps, failure, "follower" if program.released else None, trace)
@@ -113,9 +112,10 @@ class _Program:
         body: Body,
         settings: TransferSettings,
         trace: Trace,
-        see: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]],
+        observe: Callable[[ManipulationEnv], dict[str, np.ndarray]],
     ) -> None:
-        self.env, self.planner, self.body, self.settings, self.trace, self.see = env, planner, body, settings, trace, see
+        self.env, self.planner, self.body = env, planner, body
+        self.settings, self.trace, self.observe = settings, trace, observe
         self.phase = "grasp"
         self.released = False
         self.held_once = False
@@ -128,14 +128,12 @@ class _Program:
         for _ in range(self.settings.grasp.tries):
             self.phase, self.lost = "grasp", False
             grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp)
-            if grip_point is None:
-                self._back_off()
-                continue
-            self.held_once = True
-            if self._follow(grip_point, spec.yaw_fold):
-                self._let_go()
-                return
-            self.lost = True
+            if grip_point is not None:
+                self.held_once = True
+                if self._follow(grip_point, spec.yaw_fold):
+                    self._let_go()
+                    return
+                self.lost = True
             if self._fell_into_place():
                 self._let_go()
                 return
@@ -144,16 +142,16 @@ class _Program:
     def _follow(self, grip_point: np.ndarray, yaw_fold: int) -> bool:
         """True once the follower decides to release, False if the object was lost."""
         now = self.grip = self.body.read()
-        self.follower = follower = Follower(self.settings, yaw_fold, now.object, self.body.law)
+        self.follower = follower = Follower(self.settings, yaw_fold, now)
         step = 0
         while True:
             if step % self.settings.following.replan_steps == 0:
-                images = self.see(self.env.observe())
+                images = self.observe(self.env)
                 plan = self.planner.plan({camera: image[None] for camera, image in images.items()})
                 rotations = None if plan.rotation is None else plan.rotation[0]
-                follower.receive(plan.position[0], rotations, now.object)
+                follower.receive(plan.position[0], rotations, now)
                 self.trace.plans.append((self.body.steps, plan.position[0]))
-            command = follower.command(now.object)
+            command = follower.command(now)
             self.phase = command.phase
             if command.phase == "release":
                 return True
@@ -176,14 +174,12 @@ class _Program:
 
     def _fell_into_place(self) -> bool:
         """Whether the object slid out of the hand to where the plan wanted it."""
+        self.phase = "recover"
         for _ in range(self.settings.grasp.settle_steps):
             self.body.wait(OPEN)
         return self.follower is not None and self.follower.may_release(self.body.read().object)
 
     def _back_off(self) -> None:
-        self.phase = "recover"
-        for _ in range(6):
-            self.body.wait(OPEN)
         self._rise(self.settings.grasp.hover)
 
     def _rise(self, height: float) -> None:

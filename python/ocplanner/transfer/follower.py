@@ -1,6 +1,6 @@
 """Making a held object follow a plan that is renewed every few steps.
 
-Decisions rest on the plans, the object's pose and nothing else: no peg pose, no success flag.
+Decisions rest on the plans, the object's pose and where the hand holds it: no peg pose, no success flag.
 """
 
 from collections import deque
@@ -10,6 +10,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.pose import Pose
+from ocplanner.transfer.body import Reading, raised
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between, mean_rotation, nearest_equivalent
 
@@ -19,10 +20,12 @@ Phase = Literal["lift", "transit", "align", "lower", "unstick", "release"]
 _SEARCH = np.array(
     [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
 )
+_UNSTICK_STEPS = 14
+_LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
 class Command(NamedTuple):
-    """Where the object should go now, and why."""
+    """Where the object should go now, and why; ``release`` means let go."""
 
     target: Pose
     phase: Phase
@@ -34,68 +37,62 @@ class Follower:
     Args:
         settings: modes and thresholds.
         yaw_fold: symmetry of the goal, see :class:`ocplanner.envs.tasks.ObjectSpec`.
-        start: pose of the object when it was taken.
-        law: the action law, for the open-loop and timed modes' controller.
+        start: what is sensed when the object has just been taken.
     """
 
-    def __init__(self, settings: TransferSettings, yaw_fold: int, start: Pose, law: _core.DeltaPoseLaw) -> None:  # noqa: D107
+    def __init__(self, settings: TransferSettings, yaw_fold: int, start: Reading) -> None:
         self.settings = settings
         self._rule = settings.following
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
-            settings.follow,
-            gate_position=self._rule.gate_position,
-            gate_rotation=self._rule.gate_rotation,
-            law=law,
+            settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
         )
-        self._start = start
-        self._previous = start
-        self._top = start.position[2]
+        self._start = start.object
+        self._previous = start.object
+        self._top = float(start.object.position[2])
+        self._plan_top = self._top
         self._lifted = False
-        self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
-        self._plan_top = start.position[2]
         self._still = 0
+        self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
         self._aligning = 0
-        self._lowering = False
+        self._lowering: Reading | None = None
         self._attempt = 0
         self._unstick: Pose | None = None
         self._unstick_steps = 0
 
-    def receive(self, positions: np.ndarray, rotations: np.ndarray | None, now: Pose) -> None:
+    def receive(self, positions: np.ndarray, rotations: np.ndarray | None, now: Reading) -> None:
         """Take a new plan.
 
         Args:
             positions: (H, 3) world, metres.
             rotations: (H, 3, 3), or None for a position-only plan.
-            now: the object's pose.
+            now: what is sensed.
         """
         if rotations is not None:
-            # one turn for the whole plan, chosen near the rotation it has: no jumps within a plan
-            first = nearest_equivalent(rotations[0], now.rotation, self._yaw_fold)
-            turn = rotations[0].T @ first
-            rotations = rotations @ turn
-        self._controller.set_plan(np.ascontiguousarray(positions), rotations, now)
-        end = Pose(positions[-1], now.rotation if rotations is None else rotations[-1])
+            # one turn for the whole plan, chosen near the rotation that the object has: no jumps within a plan
+            first = nearest_equivalent(rotations[0], now.object.rotation, self._yaw_fold)
+            rotations = rotations @ (rotations[0].T @ first)
+        self._controller.set_plan(np.ascontiguousarray(positions), rotations, now.object)
         self._plan_top = float(np.max(positions[:, 2]))
-        self._top = max(self._top, now.position[2])
-        if end.position[2] < self._top - self._rule.lowering and self._has_lifted(now):
+        end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
+        if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
-        elif self._ends and not self._lowering:
+        elif self._ends and self._lowering is None:
             self._ends.popleft()
 
-    def command(self, now: Pose) -> Command:
-        """Where to move the object in this control step; phase ``release`` means let go."""
-        moved = float(np.linalg.norm(now.position - self._previous.position))
+    def command(self, now: Reading) -> Command:
+        """Where to move the object in this control step."""
+        here = now.object
+        moved = float(np.linalg.norm(here.position - self._previous.position))
+        self._previous = here
         self._still = self._still + 1 if moved < self._rule.stuck else 0
-        self._previous = now
-        self._top = max(self._top, now.position[2])
-        target = Pose(*self._controller.target(now))
-        if self.may_release(now, moved):
-            return Command(now, "release")
+        self._top = max(self._top, float(here.position[2]))
+        target = Pose(*self._controller.target(here))
+        if self.may_release(here, moved):
+            return Command(here, "release")
         if self.settings.follow != "gated":
             return Command(target, "transit")
-        command = self._gated(now, target, moved)
-        return command
+        return self._gated(now, target, moved)
 
     @property
     def goal(self) -> Pose | None:
@@ -108,72 +105,73 @@ class Follower:
         near = [nearest_equivalent(end.rotation, reference, self._yaw_fold) for end in self._ends]
         return Pose(position, mean_rotation(np.array(near)))
 
-    def _has_lifted(self, now: Pose) -> bool:
-        return self._lifted or now.position[2] > self._start.position[2] + self._rule.lift_first
+    def may_release(self, here: Pose, moved: float = 0.0) -> bool:
+        """Whether the plans are fulfilled.
 
-    def may_release(self, now: Pose, moved: float = 0.0) -> bool:
-        """Whether the plans are fulfilled: the object is below where they end, or rests there and will go no lower."""
-        goal = self.goal
+        The object has gone well below where they end, which only one that hangs free there can; or it rests at that
+        height and coming free and trying again has not brought it lower. The blind modes do not press, so that for
+        them resting there is enough.
+        """
+        goal, rule = self.goal, self._rule
         if goal is None:
             return False
-        away = now.position - goal.position
-        if np.linalg.norm(away[:2]) > self._rule.release:
+        away = here.position - goal.position
+        if np.linalg.norm(away[:2]) > rule.release:
             return False
-        if away[2] < 0.0:
+        if away[2] < -0.6 * rule.press:
             return True
-        blind = self.settings.follow != "gated"
-        return bool(
-            away[2] < self._rule.release
-            and moved < self._rule.resting
-            and (blind or self._attempt >= self._rule.attempts)
-        )
+        patient = self.settings.follow != "gated" or self._attempt >= rule.attempts
+        return bool(patient and away[2] < rule.release and moved < rule.resting)
 
-    def _gated(self, now: Pose, target: Pose, moved: float) -> Command:
+    def _has_lifted(self, here: Pose) -> bool:
+        return self._lifted or bool(here.position[2] > self._start.position[2] + self._rule.lift_first)
+
+    def _gated(self, now: Reading, target: Pose, moved: float) -> Command:
+        here = now.object
         if self._unstick is not None:
             self._unstick_steps += 1
-            if self._unstick_steps < 14 and now.position[2] < self._unstick.position[2] - 0.01:
+            if self._unstick_steps < _UNSTICK_STEPS and here.position[2] < self._unstick.position[2] - 0.01:
                 return Command(self._unstick, "unstick")
             self._unstick = None
             self._still = 0
-        if not self._has_lifted(now) and self._plan_top > self._start.position[2] + 0.02:
-            height = self._start.position[2] + self._rule.lift_first + 0.02
-            return Command(Pose(np.array([*self._start.position[:2], height]), self._start.rotation), "lift")
+        if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
+            return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
         self._lifted = True
         goal = self.goal
-        if goal is None:
-            self._lowering = False
-            if self._still >= self._rule.stuck_steps:
-                return self._come_free(now, target)
-            return Command(target, "transit")
-        return self._let_down(now, goal, moved)
+        if goal is not None:
+            return self._let_down(now, goal, moved)
+        self._lowering = None
+        if self._still >= self._rule.stuck_steps:
+            return self._come_free(here)
+        return Command(target, "transit")
 
-    def _let_down(self, now: Pose, goal: Pose, moved: float) -> Command:
-        rule = self._rule
-        rotation = nearest_equivalent(goal.rotation, now.rotation, self._yaw_fold)
-        offset = rule.search * (1 + self._attempt // len(_SEARCH)) * _SEARCH[self._attempt % len(_SEARCH)]
-        place = goal.position + [*offset, 0.0]
-        away = float(np.linalg.norm(now.position[:2] - place[:2]))
-        if not self._lowering:
+    def _let_down(self, now: Reading, goal: Pose, moved: float) -> Command:
+        rule, here = self._rule, now.object
+        rotation = nearest_equivalent(goal.rotation, here.rotation, self._yaw_fold)
+        ring = rule.search * (1 + self._attempt // len(_SEARCH))
+        place = goal.position.copy()
+        place[:2] += ring * _SEARCH[self._attempt % len(_SEARCH)]
+        if self._lowering is None:
             self._aligning += 1
             slack = 2.0 if self._aligning > rule.patience else 1.0
             if (
-                away < slack * rule.aligned
-                and angle_between(now.rotation, rotation) < slack * rule.aligned_rotation
-                and moved < 2 * rule.resting
+                np.linalg.norm(here.position[:2] - place[:2]) > slack * rule.aligned
+                or angle_between(here.rotation, rotation) > slack * rule.aligned_rotation
+                or moved > slack * rule.resting
             ):
-                self._lowering = True
-                self._still = 0
-            else:
-                held = np.array([*place[:2], self._top])
-                return Command(Pose(held, rotation), "align")
-        if self._still >= rule.stuck_steps and now.position[2] > goal.position[2] + rule.release:
+                return Command(Pose(np.array([*place[:2], self._top]), rotation), "align")
+            self._lowering = now
+            self._still = 0
+        slipped = np.linalg.norm(now.grip_point - self._lowering.grip_point) > rule.slip
+        if slipped or self._still >= rule.stuck_steps:
             self._attempt += 1
-            self._lowering = False
+            self._lowering = None
             self._aligning = 0
-            return self._come_free(now, goal)
-        return Command(Pose(place - [0.0, 0.0, rule.press], rotation), "lower")
+            return self._come_free(here)
+        place[2] = max(place[2] - rule.press, here.position[2] - rule.lower_step)
+        return Command(Pose(place, rotation), "lower")
 
-    def _come_free(self, now: Pose, toward: Pose) -> Command:
-        self._unstick = Pose(now.position + [0.0, 0.0, self._rule.unstick_lift], now.rotation)
+    def _come_free(self, here: Pose) -> Command:
+        self._unstick = raised(here, self._rule.unstick_lift)
         self._unstick_steps = 0
         return Command(self._unstick, "unstick")

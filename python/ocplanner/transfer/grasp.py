@@ -5,7 +5,7 @@ import numpy as np
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, OPEN, Body, Reading
+from ocplanner.transfer.body import CLOSE, OPEN, Body, Reading, raised
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -41,14 +41,14 @@ def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSet
     grasp = choose_grasp(spec, robot, now.object, now.eef.rotation)
     _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
     _approach(body, grasp, settings.clearance, settings.near, settings)
-    _close(body, _above(body.read().object @ grasp, settings.clearance), robot, settings)
+    _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
     held_at = body.read()
-    grip_point, lifted = held_at.grip_point, held_at.eef.position + [0.0, 0.0, settings.probe]
+    grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
-        now = body.move_hand(Pose(lifted, held_at.eef.rotation), CLOSE)
+        now = body.move_hand(lifted, CLOSE)
         if not is_held(now, grip_point, settings):
             return None
-        if now.eef.position[2] > lifted[2] - settings.near:
+        if now.eef.position[2] > lifted.position[2] - settings.near:
             break
     return now.grip_point
 
@@ -58,15 +58,11 @@ def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bo
     return float(np.linalg.norm(now.grip_point - grip_point)) < settings.held
 
 
-def _above(pose: Pose, height: float) -> Pose:
-    return Pose(pose.position + [0.0, 0.0, height], pose.rotation)
-
-
 def _approach(body: Body, grasp: Pose, height: float, near: float, settings: GraspSettings) -> None:
     """Move above the grasp; the object is watched all along, since the hand may push it."""
     still, before = 0, body.read().eef.position
     for _ in range(settings.approach_steps):
-        target = _above(body.read().object @ grasp, height)
+        target = raised(body.read().object @ grasp, height)
         now = body.move_hand(target, OPEN)
         moved = float(np.linalg.norm(now.eef.position - before))
         before = now.eef.position

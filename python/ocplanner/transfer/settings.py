@@ -70,12 +70,16 @@ class FollowSettings:
     """Radius of the first ring of places tried after wedging."""
     goal_memory: int = 12
     """Plans whose ends are put together into one goal."""
+    lower_step: float = 0.01
+    """Height by which the target is below the object while it is let down: gently, or it slips out of the hand."""
     press: float = 0.03
     """Depth below the plan's end to which the object is let down: one that hangs free goes there, one that rests on an
     edge does not."""
     depth: float = 0.25
     """Quantile of the last plans' lowest points that counts as the plan's end."""
-    attempts: int = 6
+    slip: float = 0.006
+    """Distance that the grip point wanders while the object is let down that tells that it rests on an edge."""
+    attempts: int = 4
     """Times of coming free after which an object at rest by the plan's end is let go all the same."""
     release: float = 0.02
     """Horizontal distance from the plan's end within which the object may be released."""

@@ -1,0 +1,252 @@
+"""Many zero-shot episodes of one planner on one robot."""
+
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ocplanner.envs.environment import ManipulationEnv, make_env
+from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.envs.tasks import task as task_spec
+from ocplanner.errors import InvalidValueError, MismatchError
+from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.planner.planner import Planner
+from ocplanner.storage import locked
+from ocplanner.transfer.episode import run_episode
+from ocplanner.transfer.journal import Journal
+from ocplanner.transfer.mask_error import ErringMask
+from ocplanner.transfer.recording import Recorder
+from ocplanner.transfer.result import Run, TransferResult, result_name
+from ocplanner.transfer.settings import TransferSettings
+from ocplanner.versions import installed
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What one worker needs to run any of the episodes.
+
+    Attributes:
+        planner: the planner file.
+        task: name of the task.
+        robot: name of the robot.
+        observe: what the planner sees.
+        cameras: the planner's cameras.
+        image_size: side of its pictures, pixels.
+        visual: visual preset.
+        patches: corrections of the model.
+        mask_error: pixels by which masks are wrong.
+        settings: the follower's numbers.
+        videos: folder of videos, or None.
+        filmed: seeds whose episodes are recorded.
+    """
+
+    planner: Path
+    task: str
+    robot: str
+    observe: str
+    cameras: tuple[str, ...]
+    image_size: int
+    visual: str
+    patches: tuple[str, ...]
+    mask_error: int = 0
+    settings: TransferSettings = field(default_factory=TransferSettings)
+    videos: Path | None = None
+    filmed: tuple[int, ...] = ()
+
+    def make(self) -> "Stage":
+        """Load the planner and put the robot before its task."""
+        env = make_env(
+            self.task,
+            self.robot,
+            cameras=self.cameras,
+            image_size=self.image_size,
+            visual=self.visual,
+            observe=self.observe,
+            patches=self.patches,
+        )
+        return Stage(self, env, Planner.load(self.planner))
+
+
+class Stage:
+    """A scenario set up in a process."""
+
+    def __init__(self, scenario: Scenario, env: ManipulationEnv, planner: Planner) -> None:
+        """Keep the parts."""
+        self.scenario, self.env, self.planner = scenario, env, planner
+
+    def play(self, seed: int) -> Run:
+        """Run one episode."""
+        scenario = self.scenario
+        filming = scenario.videos is not None and seed in scenario.filmed
+        recorder = Recorder(self.env) if filming else None
+        sight = ErringMask(scenario.mask_error, seed)
+        episode = run_episode(self.env, self.planner, seed, scenario.settings, observe=sight.observe, on_step=recorder)
+        if recorder is not None and scenario.videos is not None:
+            recorder.write(scenario.videos / f"episode_{seed}.mp4", episode)
+        return Run(seed, episode.success, episode.steps, episode.failure, episode.released_by)
+
+    def close(self) -> None:
+        """Free the simulation."""
+        self.env.close()
+
+
+def transfer(
+    planner: Planner | str | Path,
+    robot: str = "Sawyer",
+    *,
+    task: str | None = None,
+    episodes: int = 50,
+    seed_start: int = 10000,
+    follow: str = "gated",
+    observe: str | None = None,
+    patches: tuple[str, ...] | None = None,
+    mask_error: int = 0,
+    settings: TransferSettings | None = None,
+    workers: int = 1,
+    out: str | Path | None = None,
+    videos: int = 0,
+    command: str | None = None,
+    on_episode: Callable[[Run], None] | None = None,
+) -> TransferResult:
+    """Solve a planner's task on a robot that never demonstrated it.
+
+    Args:
+        planner: the planner or its file.
+        robot: name of the arm.
+        task: must be the planner's task; here to be checked.
+        episodes: how many.
+        seed_start: seed of the first episode; the others follow.
+        follow: ``gated``, ``time`` or ``open-loop``.
+        observe: what the planner sees; the planner's own if not given.
+        patches: corrections of the robot's model; its own if not given, none for ``()``.
+        mask_error: pixels by which masks are wrong.
+        settings: the follower's numbers; ``follow`` overrides theirs.
+        workers: processes; the result does not depend on it.
+        out: result file; with it, a transfer that was stopped goes on where it was.
+        videos: record so many of the first episodes beside the result file.
+        command: what remakes the result; the running command if not given.
+        on_episode: called with each episode, those of an earlier run included.
+
+    Raises:
+        UnknownNameError: a robot, follow mode or patch that does not exist.
+        MismatchError: the planner was made for another task or observation.
+        OutputError: ``out`` cannot be written, or holds episodes of another transfer.
+    """
+    planner = planner if isinstance(planner, Planner) else Planner.load(planner)
+    if episodes < 1:
+        raise InvalidValueError(f"episodes is {episodes}, but must be at least 1")
+    scenario = make_scenario(planner, robot, task=task, observe=observe, patches=patches, mask_error=mask_error)
+    scenario = replace(scenario, settings=replace(settings or TransferSettings(), follow=follow))
+    seeds = range(seed_start, seed_start + episodes)
+    if out is None:
+        runs = _play(scenario, seeds, workers, None, on_episode)
+    else:
+        out = Path(out)
+        scenario = replace(scenario, videos=out.with_suffix(""), filmed=tuple(seeds[:videos]))
+        with locked(out):
+            journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
+            runs = _play(scenario, seeds, workers, journal, on_episode)
+    result = TransferResult(
+        task=scenario.task,
+        robot=scenario.robot,
+        follow=follow,
+        observe=scenario.observe,
+        patches=scenario.patches,
+        mask_error=mask_error,
+        planner_sha256=planner.sha256,
+        planner_seed=planner.config.get("seed"),
+        command=command or _running_command(),
+        versions=installed(),
+        runs=tuple(runs[seed] for seed in seeds),
+    )
+    if isinstance(out, Path):
+        result.save(out)
+        out.with_name(f"{out.name}.journal").unlink(missing_ok=True)
+    return result
+
+
+def make_scenario(
+    planner: Planner,
+    robot: str,
+    *,
+    task: str | None = None,
+    observe: str | None = None,
+    patches: tuple[str, ...] | None = None,
+    mask_error: int = 0,
+) -> Scenario:
+    """What the planner file says about how it wants to see, checked against what is asked for.
+
+    Raises:
+        UnknownNameError: no such robot or task.
+        MismatchError: the planner was made for another task, object or observation.
+    """
+    config = planner.config
+    spec, arm = task_spec(str(config["task"])), robot_spec(robot)
+    if task is not None and task_spec(task).name != spec.name:
+        raise MismatchError(f"{planner.path} plans for the task {spec.name}, not {task}; train a planner on {task}")
+    if config["object"] not in {candidate.name for candidate in spec.objects}:
+        raise MismatchError(
+            f"{planner.path} plans for the object {config['object']!r}, which {spec.name} does not have"
+        )
+    if observe is not None and observe != config["observe"]:
+        raise MismatchError(
+            f"{planner.path} was trained on observe={config['observe']}, not {observe}; "
+            f"leave --observe out, or train a planner with --observe {observe}"
+        )
+    if mask_error and config["observe"] != "masked":
+        raise MismatchError(f"a mask error needs a planner trained on observe=masked, not {config['observe']}")
+    return Scenario(
+        planner=Path(planner.path),
+        task=spec.name,
+        robot=arm.name,
+        observe=str(config["observe"]),
+        cameras=tuple(config["cameras"]),
+        image_size=int(config["image_size"]),
+        visual=str(config["visual"]),
+        patches=arm.patches if patches is None else tuple(patches),
+        mask_error=mask_error,
+    )
+
+
+def result_path(planner: Planner, robot: str, follow: str, mask_error: int = 0, root: Path = Path("results")) -> Path:
+    """Where a result belongs, such as ``results/transfer/square_sawyer_gated_masked_0.json``."""
+    config = planner.config
+    name = result_name(config["task"], robot, follow, config["observe"], config.get("seed"), mask_error)
+    return root / "transfer" / name
+
+
+def _play(
+    scenario: Scenario,
+    seeds: range,
+    workers: int,
+    journal: Journal | None,
+    on_episode: Callable[[Run], None] | None,
+) -> dict[int, Run]:
+    runs = {} if journal is None else {seed: run for seed, run in journal.runs.items() if seed in seeds}
+    for run in runs.values():
+        if on_episode is not None:
+            on_episode(run)
+    left = [seed for seed in seeds if seed not in runs]
+    if not left:
+        return runs
+    for seed, run in run_episodes(scenario.make, Stage.play, left, workers):
+        runs[seed] = run
+        if journal is not None:
+            journal.add(run)
+        if on_episode is not None:
+            on_episode(run)
+    return runs
+
+
+def _identity(scenario: Scenario, planner: Planner) -> dict[str, Any]:
+    content = asdict(scenario)
+    for key in ("planner", "videos", "filmed"):
+        del content[key]
+    return {**content, "planner_sha256": planner.sha256, "versions": installed()}
+
+
+def _running_command() -> str:
+    name = Path(sys.argv[0]).name if sys.argv else "ocplanner"
+    return shlex.join([name, *sys.argv[1:]])
