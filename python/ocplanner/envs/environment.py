@@ -8,14 +8,14 @@ from ocplanner.envs.grippers import Gripper
 from ocplanner.envs.kinematics import ArmJoints, reach, site_pose
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.patches import check_patches
-from ocplanner.envs.rendering import Renderer
+from ocplanner.envs.pictures import Cameras
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.scene import build_robosuite_env
 from ocplanner.envs.simulator import mujoco
 from ocplanner.envs.tasks import Task
 from ocplanner.envs.tasks import task as task_of_name
-from ocplanner.envs.visuals import MASK_RGB, visual_preset
+from ocplanner.envs.visuals import visual_preset
 from ocplanner.errors import ShapeError, UnknownNameError
 from ocplanner.pose import Pose
 
@@ -115,7 +115,6 @@ class ManipulationEnv:
         self.steps = 0
         check_patches(self.patches)
         self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed)
-        self._renderers: dict[tuple[int, int], Renderer] = {}
         self._find_references()
         self.reset(seed)
 
@@ -125,13 +124,9 @@ class ManipulationEnv:
         for spec in self.task.objects:
             joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, spec.joint)
             self._objects[spec.name] = (int(model.jnt_bodyid[joint]), int(model.jnt_qposadr[joint]), joint)
-        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or "" for body in range(model.nbody)]
-        of_robot = np.array([name.startswith(("robot0_", "gripper0_")) for name in names])
-        self._robot_geoms = np.flatnonzero(of_robot[model.geom_bodyid] & (model.geom_group == 1))
-        known = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) for camera in range(model.ncam)]
-        self._cameras = {name: camera for camera, name in enumerate(known)}
+        self._pictures = Cameras(model, self.data, self.visual)
         for camera in self.cameras:
-            self._camera(camera)
+            self._pictures.number(camera)
         arm = self._robot.arms[0]
         joints = np.array([model.joint(name).id for name in self._robot.robot_joints])
         limited = model.jnt_limited[joints].astype(bool)
@@ -236,22 +231,11 @@ class ManipulationEnv:
             UnknownNameError: no such camera or observation.
             RenderingError: no working headless OpenGL.
         """
-        number, renderer = self._camera(camera), self._renderer(width, height)
-        if observe == "full":
-            return renderer.full(number)
-        if observe == "no-robot":
-            return renderer.without_robot(number)
-        if observe != "masked":
-            raise UnknownNameError("observation", observe, OBSERVE_MODES)
-        if self.visual.local:
-            return renderer.flat_robot(number)
-        mask = renderer.robot_mask(number)
-        return np.where(mask[..., None], np.array(MASK_RGB, dtype=np.uint8), renderer.without_robot(number))
+        return self._pictures.render(camera, width, height, observe)
 
     def robot_mask(self, camera: str, width: int | None = None, height: int | None = None) -> np.ndarray:
         """(h, w) bool, the pixels in which the robot is seen with nothing standing before it."""
-        renderer = self._renderer(width or self.image_size, height or self.image_size)
-        return renderer.robot_mask(self._camera(camera))
+        return self._pictures.robot_mask(camera, width or self.image_size, height or self.image_size)
 
     def project(self, camera: str, points: np.ndarray, width: int, height: int) -> np.ndarray:
         """Pixels (x right, y down, fractional) at which a camera sees points.
@@ -265,12 +249,7 @@ class ManipulationEnv:
         Returns:
             (N, 2) float64; NaN for points behind the camera.
         """
-        number = self._camera(camera)
-        rotation = self.data.cam_xmat[number].reshape(3, 3)
-        local = (np.asarray(points, dtype=np.float64) - self.data.cam_xpos[number]) @ rotation
-        focal = 0.5 * height / np.tan(np.deg2rad(self.model.cam_fovy[number]) / 2)
-        depth = np.where(local[:, 2] < 0, -local[:, 2], np.nan)
-        return np.stack([width / 2 + focal * local[:, 0] / depth, height / 2 - focal * local[:, 1] / depth], axis=1)
+        return self._pictures.project(camera, points, width, height)
 
     def set_state(self, state: np.ndarray) -> None:
         """Set the simulation to a row of a data set's ``states``: time, qpos, qvel of this arm's own model.
@@ -325,9 +304,7 @@ class ManipulationEnv:
 
     def close(self) -> None:
         """Free the OpenGL contexts and the simulation."""
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
+        self._pictures.close()
         self._env.close()
 
     def __enter__(self) -> "ManipulationEnv":
@@ -335,14 +312,3 @@ class ManipulationEnv:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-    def _camera(self, name: str) -> int:
-        if name not in self._cameras:
-            raise UnknownNameError("camera", name, self._cameras)
-        return self._cameras[name]
-
-    def _renderer(self, width: int, height: int) -> Renderer:
-        size = (width, height)
-        if size not in self._renderers:
-            self._renderers[size] = Renderer(self.model, self.data, width, height, self.visual, self._robot_geoms)
-        return self._renderers[size]
