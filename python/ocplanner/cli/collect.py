@@ -1,0 +1,72 @@
+"""``ocplanner collect``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Record scripted demonstrations as a robomimic data set without images.
+
+    Stop it whenever you like: the same command goes on where it was.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """Data set to make (.hdf5)."""
+    task: str = "Square"
+    """The task."""
+    robot: str = "Panda"
+    """The arm."""
+    episodes: int = 100
+    """Successful demonstrations to record; failed attempts are left out and counted."""
+    seed: int = 0
+    """0 to 9: which thousand of attempts. Seeds from 10000 on are kept for evaluation."""
+    workers: int = 1
+    """Processes; the data set does not depend on it."""
+    overwrite: bool = False
+    """Replace the data set if it is there."""
+
+    def run(self) -> None:
+        """Collect with a progress bar."""
+        from ocplanner.demos.collect import collect
+
+        console = Console()
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+            bar = progress.add_task(f"{self.task}, {self.robot}", total=self.episodes)
+            failed = 0
+
+            def count(_: str, success: bool) -> None:
+                nonlocal failed
+                failed += not success
+                text = f"{self.task}, {self.robot}" + (f", {failed} failed" if failed else "")
+                progress.update(bar, advance=int(success), description=text)
+
+            collected = collect(
+                self.out,
+                self.task,
+                self.robot,
+                episodes=self.episodes,
+                seed=self.seed,
+                workers=self.workers,
+                overwrite=self.overwrite,
+                progress=count,
+            )
+        console.print(
+            f"{collected.path}: {collected.demonstrations} demonstrations; {collected.failures} failed attempts",
+            soft_wrap=True,
+        )
+
+
+COMMAND = Collect
