@@ -11,12 +11,14 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ocplanner.envs.registration import register
 from ocplanner.versions import check_pins
 
 if sys.platform == "linux":
     os.environ.setdefault("MUJOCO_GL", "egl")  # must be set before mujoco is imported
 
 check_pins()
+register()
 
 if TYPE_CHECKING:
     from ocplanner import transfer
