@@ -15,7 +15,7 @@ def test_the_grid_draws_plan_and_truth_over_each_image():
     for axes in drawn:
         assert [line.get_label() for line in axes.lines] == ["true", "planned"]
         np.testing.assert_array_equal(axes.lines[1].get_xydata(), PATHS[0])
-        assert axes.get_ylim() == (19.5, -0.5)
+        assert axes.get_ylim() == (20, 0)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ def test_an_episode_decodes_to_what_was_drawn(tmp_path, frames):
     path = write_episode_video(tmp_path / "a" / "b.mp4", frames, planned, achieved, fps=20, captions=captions)
     video = read_video(path)
     assert video.shape == (count + 20, 320 + caption_height(480), 480, 3)
-    y, x = 252, 402
+    y, x = 250, 400
     assert video[2, y, x].min() > 200
     assert video[6, y, x, 0] > 180
     assert video[6, y, x, 1] < 120

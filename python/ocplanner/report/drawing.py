@@ -1,4 +1,7 @@
-"""Draw a plan, an achieved path and a caption bar into a frame of a video, with Pillow."""
+"""Draw a plan, an achieved path and a caption bar into a frame of a video, with Pillow.
+
+Pixels are (x, y) from the upper left corner of the image, as :meth:`ocplanner.envs.ManipulationEnv.project` gives them.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -115,7 +118,7 @@ def _points(pixels: np.ndarray | None, name: str) -> np.ndarray:
     pixels = np.asarray(pixels, dtype=np.float64)
     if pixels.ndim != 2 or pixels.shape[1] != 2:
         raise ShapeError(f"{name}: expected (n, 2) pixels, found {pixels.shape}")
-    return (pixels[np.isfinite(pixels).all(axis=1)] + 0.5) * _SMOOTHING
+    return pixels[np.isfinite(pixels).all(axis=1)] * _SMOOTHING
 
 
 def _dot(draw: ImageDraw.ImageDraw, center: np.ndarray, radius: float, color: str | tuple[int, int, int]) -> None:

@@ -1,4 +1,7 @@
-"""Plans drawn over camera images: Figures 5, 6 and 8 of the paper. Pixels are (x, y) from the upper left corner."""
+"""Plans drawn over camera images: Figures 5, 6 and 8 of the paper.
+
+Pixels are (x, y) from the upper left corner of the image, as :meth:`ocplanner.envs.ManipulationEnv.project` gives them.
+"""
 
 from collections.abc import Sequence
 
@@ -105,8 +108,8 @@ def _show(axes: Axes, image: np.ndarray) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ShapeError(f"image: expected (h, w, 3) uint8, found {image.shape} {image.dtype}")
     height, width = image.shape[:2]
-    axes.imshow(image, interpolation="lanczos" if width < 200 else "antialiased")
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    axes.imshow(image, extent=(0, width, height, 0), interpolation="lanczos" if width < 200 else "antialiased")
+    axes.set(xlim=(0, width), ylim=(height, 0))
     axes.set_axis_off()
 
 

@@ -53,14 +53,19 @@ def write_report(
         ResultFileError: a path is missing or damaged, or there is nothing to show.
         OutputError: the page cannot be written.
     """
-    text = render_report(find_sources(paths), title=title, most_videos=most_videos)
+    return write_page(find_sources(paths), out, title=title, most_videos=most_videos)
+
+
+def write_page(sources: Sources, out: str | Path, *, title: str | None = None, most_videos: int = 12) -> Path:
+    """:func:`write_report` for sources found already."""
+    text = render_page(sources, title=title, most_videos=most_videos)
     out = Path(out)
     with atomic_write(out) as partial:
-        Path(partial).write_text(text, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
     return out
 
 
-def render_report(sources: Sources, *, title: str | None = None, most_videos: int = 12) -> str:
+def render_page(sources: Sources, *, title: str | None = None, most_videos: int = 12) -> str:
     """The page as HTML."""
     groups = sorted(group_results(sources.records), key=_rank)
     videos = [embed_video(path, sources.records) for path in sources.videos]

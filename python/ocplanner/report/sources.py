@@ -12,6 +12,7 @@ from ocplanner.report.results import TransferRecord, is_result, read_results
 from ocplanner.report.runs import METRICS, Run, read_run
 
 PICTURES = (".png", ".svg")
+PLANNER = ".safetensors"
 _FIGURES = "figures"
 _SKIPPED = ("checkpoints", "tensorboard", "node_modules", "__pycache__")
 
@@ -24,13 +25,15 @@ class Sources:
     records: tuple[TransferRecord, ...]
     videos: tuple[Path, ...]
     figures: tuple[Path, ...]
+    planners: tuple[Path, ...]
 
 
 def find_sources(paths: Iterable[str | Path]) -> Sources:
     """Look through files and folders.
 
     A folder with ``metrics.jsonl`` is a run; a JSON file with episodes, or a matrix of them, is a result; every mp4 is
-    an episode; pictures count when they lie in a folder called ``figures``. A file named outright must be one of these.
+    an episode; every safetensors file a planner; pictures count when they lie in a folder called ``figures``. A file
+    named outright must be one of these.
 
     Raises:
         ResultFileError: a path is missing, a named file is of no kind known here, something found is damaged, or there
@@ -50,10 +53,12 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
         records=tuple(record for file in unique if file.suffix == ".json" for record in read_results(file)),
         videos=tuple(file for file in unique if file.suffix == ".mp4"),
         figures=tuple(file for file in unique if file.suffix in PICTURES),
+        planners=tuple(file for file in unique if file.suffix == PLANNER),
     )
-    if not any((sources.runs, sources.records, sources.videos, sources.figures)):
+    if not unique:
         raise ResultFileError(
-            f"nothing to report in {', '.join(map(str, paths))}: no metrics.jsonl, transfer result, mp4 or figures"
+            f"nothing to report in {', '.join(map(str, paths))}: "
+            "no metrics.jsonl, transfer result, planner, mp4 or figures"
         )
     return sources
 
@@ -74,14 +79,19 @@ def _natural(name: str) -> list[tuple[int, str]]:
 def _shown(file: Path) -> bool:
     if file.suffix == ".json":
         return _holds_results(file)
-    return file.name == METRICS or file.suffix == ".mp4" or (file.suffix in PICTURES and file.parent.name == _FIGURES)
+    return (
+        file.name == METRICS
+        or file.suffix in (".mp4", PLANNER)
+        or (file.suffix in PICTURES and file.parent.name == _FIGURES)
+    )
 
 
 def _named(file: Path) -> Path:
-    if file.name == METRICS or file.suffix in (".json", ".mp4", *PICTURES):
+    if file.name == METRICS or file.suffix in (".json", ".mp4", PLANNER, *PICTURES):
         return file
     raise ResultFileError(
-        f"cannot report on {file}: give a run folder, {METRICS}, a transfer result (.json), a video (.mp4) or a picture"
+        f"cannot report on {file}: give a run folder, {METRICS}, a transfer result (.json), a planner "
+        "(.safetensors), a video (.mp4) or a picture"
     )
 
 

@@ -97,7 +97,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
         raise UnknownNameError("figure format", kind, _FORMATS)
     data = _render(figure, kind, salt=path.stem)
     with atomic_write(path) as partial:
-        Path(partial).write_bytes(data)
+        partial.write_bytes(data)
     return path
 
 

@@ -61,8 +61,7 @@ def write_episode_video(
 
 
 def _scaled(pixels: np.ndarray | None, factor: float) -> np.ndarray | None:
-    """Pixel centres move with the image: x -> (x + 1/2) factor - 1/2."""
-    return None if pixels is None else (np.asarray(pixels, dtype=np.float64) + 0.5) * factor - 0.5
+    return None if pixels is None else np.asarray(pixels, dtype=np.float64) * factor
 
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 20, hold_seconds: float = 0.0) -> Path:
@@ -84,7 +83,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
     if height % 2 or width % 2:
         raise ShapeError(f"frames of a video need even sides, found {height}x{width}")
     with atomic_write(path) as partial, tempfile.TemporaryFile() as log:
-        command = _encoder(width, height, fps, Path(partial))
+        command = _encoder(width, height, fps, partial)
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log) as process:
             try:
                 _feed(process, first, iterator, repeats=round(hold_seconds * fps))

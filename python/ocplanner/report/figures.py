@@ -1,0 +1,34 @@
+"""The charts of a report as files, for a paper or slides."""
+
+from pathlib import Path
+
+from ocplanner.report.overlays import film_strip
+from ocplanner.report.plots import error_curves, failure_matrix, loss_curves, success_rates
+from ocplanner.report.results import group_results
+from ocplanner.report.sources import Sources
+from ocplanner.report.style import save_figure
+from ocplanner.report.video import read_video
+
+
+def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
+    """Write loss and error curves, success rates and failure classes as SVG and PNG, and a film strip of each video.
+
+    Raises:
+        ResultFileError: a video cannot be decoded.
+        OutputError: a file cannot be written.
+    """
+    folder = Path(folder)
+    charts = {}
+    if sources.runs:
+        charts |= {"loss_curves": loss_curves(sources.runs), "error_curves": error_curves(sources.runs)}
+    if sources.records:
+        groups = group_results(sources.records)
+        charts |= {"success_rates": success_rates(groups), "failure_matrix": failure_matrix(groups)}
+    written = [
+        save_figure(figure, folder / f"{name}.{kind}") for name, figure in charts.items() for kind in ("svg", "png")
+    ]
+    written += [
+        save_figure(film_strip(list(read_video(path))), folder / f"film_strip_{path.stem}.png")
+        for path in sources.videos
+    ]
+    return written

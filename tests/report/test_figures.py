@@ -1,0 +1,19 @@
+from ocplanner.report.figures import write_figures
+from ocplanner.report.sources import find_sources
+from ocplanner.report.video import write_video
+
+
+def test_every_chart_is_written(tmp_path, frames, write_run, write_result):
+    write_run("h5")
+    write_result()
+    write_video(tmp_path / "sawyer_10000.mp4", frames)
+    written = write_figures(find_sources([tmp_path]), tmp_path / "charts")
+    charts = ("error_curves", "failure_matrix", "loss_curves", "success_rates")
+    expected = {f"{name}.{kind}" for name in charts for kind in ("svg", "png")} | {"film_strip_sawyer_10000.png"}
+    assert {path.name for path in written} == expected
+    assert all(path.stat().st_size > 1000 for path in written)
+
+
+def test_only_what_is_there_is_drawn(tmp_path, write_run):
+    written = write_figures(find_sources([write_run("h5")]), tmp_path / "charts")
+    assert {path.stem for path in written} == {"loss_curves", "error_curves"}
