@@ -26,6 +26,7 @@ def test_an_embedded_video_is_the_file_and_has_a_poster_and_a_strip(tmp_path, fr
 @pytest.mark.parametrize(
     ("video", "expected"),
     [
+        ("a/one/episode_10001.mp4", "a"),
         ("a/videos/sawyer_10001.mp4", "a"),
         ("b/videos/10001.mp4", "b"),
         ("ur5e_10001.mp4", "b"),

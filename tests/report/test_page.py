@@ -3,8 +3,8 @@ from html.parser import HTMLParser
 import pytest
 
 from ocplanner.errors import ResultFileError
+from ocplanner.report.overlays import film_strip
 from ocplanner.report.page import write_report
-from ocplanner.report.plots import kept_spans
 from ocplanner.report.style import save_figure
 from ocplanner.report.video import write_video
 
@@ -50,8 +50,8 @@ def folder(tmp_path, frames, write_run, write_result):
     write_result("open", successes=0, failures=("slip",), follow="open-loop")
     for seed in (10000, 10004):
         write_video(tmp_path / "videos" / f"open_{seed}.mp4", frames)
-    save_figure(kept_spans({"demo_0": (3, 9, 12)}), tmp_path / "h20" / "figures" / "kept_spans.svg")
-    save_figure(kept_spans({"demo_0": (3, 9, 12)}), tmp_path / "h20" / "figures" / "kept_spans.png")
+    for kind in ("svg", "png"):
+        save_figure(film_strip(list(frames)), tmp_path / "h20" / "figures" / f"segments.{kind}")
     return tmp_path
 
 

@@ -43,7 +43,7 @@ def demos(tiny_square):
 
 def test_plans_lie_where_the_camera_sees_them(demos):
     figures = planner_figures(Recorded(demos), demos, rows=2, columns=2, demonstrations=3, size=128)
-    assert set(figures) == {"plans", "latents", "kept_spans"}
+    assert set(figures) == {"plans", "latents", "segments"}
     grid = [axes for axes in figures["plans"].axes if axes.images]
     assert [axes.get_title("left").split(",")[0] for axes in grid] == ["demo_2", "demo_2", "demo_0", "demo_0"]
     for axes in grid:
@@ -68,7 +68,7 @@ def test_the_nut_is_at_the_start_of_its_true_path(demos):
 
 def test_figures_are_written_by_name(demos, tmp_path):
     written = write_planner_figures(Recorded(demos), demos, tmp_path / "figures", "h4")
-    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png", "kept_spans_h4.png"]
+    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png", "segments_h4.png"]
     assert all(path.stat().st_size > 5000 for path in written)
 
 

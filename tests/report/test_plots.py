@@ -60,7 +60,3 @@ def test_latents_of_another_shape_are_refused(latents):
 def test_latents_that_cannot_be_mapped_are_refused(latents):
     with pytest.raises(InvalidValueError):
         plots.latent_map(latents)
-
-
-def test_kept_spans_name_every_demonstration():
-    assert "demo_7" in texts(plots.kept_spans({"demo_0": (10, 50, 60), "demo_7": (5, 40, 70)}))

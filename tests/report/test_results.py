@@ -4,6 +4,7 @@ import pytest
 
 from ocplanner.errors import ResultFileError
 from ocplanner.report.results import FAILURES, failure_classes, group_results, read_results
+from ocplanner.transfer.episode import FAILURES as CLASSES
 
 
 def test_a_result_file_is_read_whole(write_result):
@@ -64,3 +65,7 @@ def test_a_patch_switched_off_is_another_setting(write_result):
 def test_classes_are_listed_in_order_and_unknown_ones_last(write_result):
     groups = group_results(read_results(write_result(failures=("fell off", "time-out"))))
     assert failure_classes(groups) == [*FAILURES, "fell off"]
+
+
+def test_the_classes_are_those_that_transfers_report():
+    assert FAILURES == CLASSES

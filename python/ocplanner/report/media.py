@@ -64,13 +64,14 @@ def embed_video(path: Path, records: Sequence[TransferRecord], *, strip: int = 8
 
 
 def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[TransferRecord | None, EpisodeRecord | None]:
-    """The episode that a video shows: its seed is a number in the file's name, its result lies nearest to the file.
+    """The episode that a video shows: its seed is a number in the file's name.
 
-    Of results equally near, one whose robot is named in the path wins; if several still fit, none is chosen.
+    A result ``a/b.json`` has its videos in ``a/b/``. Elsewhere the result nearest to the file is taken, of several one
+    whose robot is named in the path; if several still fit, none.
     """
     seeds = [int(number) for number in re.findall(r"\d+", path.stem)]
     candidates = [
-        ((_distance(path, record.path), record.robot.lower() not in str(path).lower()), i)
+        ((_distance(path, record), record.robot.lower() not in str(path).lower()), i)
         for i, record in enumerate(records)
         if any(record.episode(seed) for seed in seeds)
     ]
@@ -81,8 +82,11 @@ def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[Transf
     return record, next(episode for seed in reversed(seeds) if (episode := record.episode(seed)))
 
 
-def _distance(path: Path, other: Path) -> int:
-    ours, theirs = path.resolve().parent.parts, other.resolve().parent.parts
+def _distance(path: Path, record: TransferRecord) -> int:
+    result = record.path.resolve()
+    if path.resolve().parent == result.with_suffix(""):
+        return -1
+    ours, theirs = path.resolve().parent.parts, result.parent.parts
     shared = sum(1 for _ in _common(ours, theirs))
     return len(ours) + len(theirs) - 2 * shared
 

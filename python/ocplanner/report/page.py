@@ -20,7 +20,7 @@ from ocplanner.storage import atomic_write
 FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
     "latents": "Latent plans along demonstrations, by t-SNE; the colour is the time from grasp to release.",
-    "kept_spans": "The frames of each demonstration that training keeps: from grasp to release.",
+    "segments": "The frames of demonstrations that training keeps: from grasp to release.",
 }
 """What the figures that this package writes show, by the beginning of their file names."""
 
@@ -104,6 +104,7 @@ def _rank(group: TransferGroup) -> tuple[Any, ...]:
     return (
         follow.index(first.follow) if first.follow in follow else len(follow),
         observe.index(first.observe) if first.observe in observe else len(observe),
+        first.mask_error,
     )
 
 

@@ -14,8 +14,11 @@ from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.planner.frames import future, split
 from ocplanner.report.overlays import plan_grid
-from ocplanner.report.plots import kept_spans, latent_map
+from ocplanner.report.plots import latent_map
+from ocplanner.report.segments import segment_figure
 from ocplanner.report.style import save_figure
+
+_SEGMENTS = 6
 
 
 class PlansImages(Protocol):
@@ -66,7 +69,7 @@ def planner_figures(
         size: side of the pictures, pixels.
 
     Returns:
-        ``plans`` (Figures 5 and 6), ``latents`` (Figure 7) and ``kept_spans``.
+        ``plans`` (Figures 5 and 6), ``latents`` (Figure 7) and ``segments`` (the frames kept).
 
     Raises:
         MismatchError: the data set was rendered for another observation, or lacks a camera.
@@ -78,8 +81,8 @@ def planner_figures(
         plans = _plan_grid(planner, demos, env, parts[:rows], columns, size)
     mapped = parts[:demonstrations]
     latents = [planner.encode(_images(planner.config, demos, part, _kept(part))) for part in mapped]
-    spans = {part.name: (part.segment.start, part.segment.stop, len(part.positions)) for part in mapped}
-    return {"plans": plans, "latents": latent_map(latents), "kept_spans": kept_spans(spans)}
+    segments = segment_figure(demos, [part.name for part in parts[:_SEGMENTS]], planner.config["object"])
+    return {"plans": plans, "latents": latent_map(latents), "segments": segments}
 
 
 def write_planner_figures(planner: PlansImages, demos: Demonstrations, folder: str | Path, name: str) -> list[Path]:

@@ -1,9 +1,9 @@
-"""Charts of training and of results: Figure 4 and Figure 7 of the paper, success rates, failure classes, kept spans.
+"""Charts of training and of results: Figure 4 and Figure 7 of the paper, success rates and failure classes.
 
 Every function returns a new :class:`matplotlib.figure.Figure`; :func:`ocplanner.report.style.save_figure` writes it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -174,21 +174,4 @@ def latent_map(latents: Sequence[np.ndarray], *, seed: int = 0) -> Figure:
         axes.set(title=f"Latent plans along {len(latents)} demonstrations (t-SNE)", xticks=[], yticks=[])
         axes.grid(visible=False)
         axes.spines[:].set_visible(False)
-    return figure
-
-
-def kept_spans(spans: Mapping[str, tuple[int, int, int]]) -> Figure:
-    """Which frames of each demonstration are kept: name -> (start, stop, length), in control steps."""
-    with styled():
-        figure = new_figure(7.4, 0.8 + 0.16 * len(spans))
-        axes = figure.subplots()
-        for row, (start, stop, length) in enumerate(spans.values()):
-            axes.broken_barh([(0, length)], (row - 0.4, 0.8), color=GRID)
-            axes.broken_barh([(start, stop - start)], (row - 0.4, 0.8), color=SERIES[2])
-        axes.set_yticks(range(len(spans)), list(spans), fontsize=7)
-        axes.set(
-            xlabel="control step", ylim=(len(spans) - 0.5, -0.5), title="Frames kept: the robot manipulates the object"
-        )
-        axes.grid(visible=False, axis="y")
-        axes.tick_params(axis="y", length=0)
     return figure

@@ -27,7 +27,11 @@ class EpisodeRecord:
 
 @dataclass(frozen=True)
 class TransferRecord:
-    """The content of one result file; ``interval`` is the 95 % Wilson interval of the success rate."""
+    """The content of one result file.
+
+    ``interval`` is the 95 % Wilson interval of the success rate, ``planner_seed`` the training seed of the planner,
+    ``mask_error`` the pixels by which masks of the robot were off.
+    """
 
     path: Path
     task: str
@@ -41,6 +45,8 @@ class TransferRecord:
     planner_sha256: str
     command: str
     versions: Mapping[str, str]
+    mask_error: int
+    planner_seed: int | None
     runs: tuple[EpisodeRecord, ...]
 
     @property
@@ -51,7 +57,13 @@ class TransferRecord:
     @property
     def title(self) -> str:
         """What was run, such as ``Square on Sawyer (gated, masked)``."""
-        return f"{self.task} on {self.robot} ({self.follow}, {self.observe})"
+        return f"{self.task} on {self.robot} ({self.setting})"
+
+    @property
+    def setting(self) -> str:
+        """How it was run, such as ``gated, masked``."""
+        error = [f"mask {self.mask_error} px off"] if self.mask_error else []
+        return ", ".join([self.follow, self.observe, *error])
 
     def failures(self) -> Counter[str]:
         """How many episodes failed in each class."""
@@ -87,7 +99,7 @@ def group_results(records: Iterable[TransferRecord]) -> list[TransferGroup]:
     """Group records that differ only in the planner, in the order in which each group first appears."""
     groups: dict[tuple[Any, ...], list[TransferRecord]] = {}
     for record in records:
-        key = (record.task, record.robot, record.follow, record.observe, record.patches)
+        key = (record.task, record.robot, record.setting, record.patches)
         groups.setdefault(key, []).append(record)
     return [TransferGroup(tuple(members)) for members in groups.values()]
 
@@ -143,6 +155,8 @@ def _parse(path: Path, content: dict[str, Any]) -> TransferRecord:
             planner_sha256=str(content.get("planner_sha256", "")),
             command=str(content.get("command", "")),
             versions={str(name): str(version) for name, version in content.get("versions", {}).items()},
+            mask_error=int(content.get("mask_error", 0)),
+            planner_seed=None if content.get("planner_seed") is None else int(content["planner_seed"]),
             runs=runs,
         )
     except (TypeError, ValueError, KeyError, AttributeError) as error:
