@@ -1,6 +1,7 @@
 """Types of the native module; the arrays are NumPy views on the way in and owned arrays on the way out."""
 
-from typing import Literal, TypeAlias
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +76,88 @@ class PlannerEngine:
 
 def simd_level() -> Literal["avx512", "avx2", "portable"]:
     """The instruction set in use; ``OCPLANNER_SIMD`` asks for a lower one before the first planner is loaded."""
+
+@final
+class ControlLoop:
+    """One arm's robosuite control step (OSC_POSE) inside MuJoCo, without the GIL.
+
+    A control step is :meth:`begin`, the first physics substep up to the actuators' commands, and :meth:`advance`, the
+    rest of it. As with ``mujoco.mj_step``, the caller must not step the same data from another thread meanwhile.
+    """
+
+    def __new__(
+        cls,
+        model: Any,
+        data: Any,
+        *,
+        eef_site: int,
+        base_site: int,
+        joint_qpos: Sequence[int],
+        joint_qvel: Sequence[int],
+        arm_actuators: Sequence[int],
+        gripper_actuators: Sequence[int],
+        world_frame: bool = False,
+        uncouple: bool = True,
+        lite_physics: bool = True,
+    ) -> ControlLoop:
+        """Bind to an ``MjModel`` and its ``MjData``; sites, joints and actuators are MuJoCo's indices.
+
+        Raises:
+            InvalidValueError: an index is outside its array, or the data belong to another model.
+            ShapeError: the lists of joints differ in length.
+            VersionError: the loaded MuJoCo library is not found, or is not of the module's version.
+        """
+
+    def begin(self, delta: _F64, gripper: _F64, stiffness: _F64, damping: _F64, posture: _F64) -> None:
+        """Set the goal ``delta`` (6,) (m, then axis times angle in rad) away, and the first commands.
+
+        ``gripper`` are its actuators' commands; ``stiffness`` (6,) is in 1/s^2, ``damping`` (6,) in 1/s; ``posture``
+        (joints,), in rad, is what the null space tends to.
+
+        Raises:
+            InvalidValueError: a number is not finite.
+            ShapeError: wrong shape, dtype or memory order.
+        """
+
+    def advance(self, substeps: int) -> None:
+        """Run physics substeps, the one begun included.
+
+        Raises:
+            InvalidValueError: no control step has begun.
+        """
+
+    def measured(self) -> tuple[_F64, _F64, _F64, _F64, _F64, _F64, _F64]:
+        """What the controller measured last.
+
+        The end effector's position (3,) m, rotation (3, 3) and velocity (6,), world frame; its Jacobian (6, joints);
+        the inertia (joints, joints); the joints' positions and velocities (joints,).
+        """
+
+    def remember(
+        self,
+        position: _F64,
+        rotation: _F64,
+        velocity: _F64,
+        jacobian: _F64,
+        inertia: _F64,
+        joint_position: _F64,
+        joint_velocity: _F64,
+    ) -> None:
+        """Make the next :meth:`begin` use these instead of the simulation's; as :meth:`measured` returns them.
+
+        Raises:
+            InvalidValueError: a number is not finite.
+            ShapeError: wrong shape, dtype or memory order.
+        """
+
+    @property
+    def goal_position(self) -> _F64:
+        """(3,) m, in the frame of the actions."""
+
+    @property
+    def goal_rotation(self) -> _F64:
+        """(3, 3), end effector -> frame of the actions."""
+
+    @property
+    def torques(self) -> _F64:
+        """(joints,) N m, computed last, gravity compensation included, before clipping."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from ocplanner.envs.grippers import Gripper
 from ocplanner.envs.kinematics import ArmJoints, reach, site_pose
+from ocplanner.envs.native_control import attach
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.patches import check_patches
 from ocplanner.envs.pictures import Cameras
@@ -19,6 +20,7 @@ from ocplanner.envs.visuals import visual_preset
 from ocplanner.errors import ShapeError, UnknownNameError
 from ocplanner.pose import Pose
 
+CONTROL_LOOPS = ("native", "stock")
 _RESTARTS = 6
 
 
@@ -31,7 +33,7 @@ def make_env(
     visual: str = "fast",
     observe: str = "full",
     patches: tuple[str, ...] | None = None,
-    control: str = "stock",
+    control: str = "native",
     seed: int = 0,
     horizon: int | None = None,
 ) -> "ManipulationEnv":
@@ -45,7 +47,8 @@ def make_env(
         visual: visual preset, ``"fast"`` or ``"stock"``.
         observe: what the pictures show: ``"full"``, ``"masked"`` (the robot painted flat) or ``"no-robot"``.
         patches: corrections to the model; the arm's own if not given, none for ``()``.
-        control: who runs the control loop; ``"stock"`` is robosuite.
+        control: who runs the control loop: ``"native"``, or ``"stock"`` for robosuite, several times slower. Both give
+            the same torques; ``"native"`` warns and falls back where it cannot.
         seed: seed of the first episode.
         horizon: control steps of an episode; the task's own if not given.
 
@@ -95,14 +98,14 @@ class ManipulationEnv:
         visual: str = "fast",
         observe: str = "full",
         patches: tuple[str, ...] | None = None,
-        control: str = "stock",
+        control: str = "native",
         seed: int = 0,
         horizon: int | None = None,
     ) -> None:
         if observe not in OBSERVE_MODES:
             raise UnknownNameError("observation", observe, OBSERVE_MODES)
-        if control != "stock":
-            raise UnknownNameError("control loop", control, ("stock",))
+        if control not in CONTROL_LOOPS:
+            raise UnknownNameError("control loop", control, CONTROL_LOOPS)
         self.task = task
         self.robot = robot
         self.cameras = task.cameras if cameras is None else tuple(cameras)
@@ -110,11 +113,12 @@ class ManipulationEnv:
         self.visual = visual_preset(visual)
         self.observe_mode = observe
         self.patches = robot.patches if patches is None else tuple(patches)
-        self.control = control
         self.horizon = task.horizon if horizon is None else horizon
         self.steps = 0
         check_patches(self.patches)
         self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed)
+        self._control = attach(self._env) if control == "native" else None
+        self.control = "stock" if self._control is None else "native"
         self._find_references()
         self.reset(seed)
 
@@ -185,7 +189,10 @@ class ManipulationEnv:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.action_dim,):
             raise ShapeError(f"an action of {self.robot.name} has shape ({self.action_dim},), not {action.shape}")
-        self._env.step(action)
+        if self._control is None:
+            self._env.step(action)
+        else:
+            self._control.advance(action)
         self.steps += 1
 
     def object_pose(self, name: str | None = None) -> Pose:

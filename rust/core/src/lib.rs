@@ -6,6 +6,7 @@
 pub mod delta_pose;
 pub mod error;
 pub mod nn;
+pub mod osc;
 pub mod planner;
 pub mod pose;
 pub mod weights;

@@ -18,7 +18,8 @@ pub fn shape_error(py: Python<'_>, message: String) -> PyErr {
     named(py, "ShapeError", message)
 }
 
-fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
+/// The exception `ocplanner.errors.<class>` with this message.
+pub fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
     match py.import("ocplanner.errors").and_then(|module| module.getattr(class)?.call1((message,))) {
         Ok(exception) => PyErr::from_value(exception),
         Err(import_error) => import_error,

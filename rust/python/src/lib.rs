@@ -7,6 +7,7 @@ mod delta_pose;
 mod errors;
 mod planner;
 mod pose;
+mod simulation;
 
 #[pymodule]
 mod _core {
@@ -16,6 +17,7 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         pose::register(module)?;
         planner::register(module)?;
-        delta_pose::register(module)
+        delta_pose::register(module)?;
+        simulation::register(module)
     }
 }

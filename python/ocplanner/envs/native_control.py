@@ -1,0 +1,262 @@
+"""robosuite's control step run natively: one call into :mod:`ocplanner._core` in place of 25 Python substeps.
+
+:func:`attach` replaces an environment's ``step`` by one with the same results. The operational-space torques and
+MuJoCo's substeps run in Rust; what robosuite does once per control step (scaling the action, the gripper's hidden
+state, the histories of the robot, the reward) stays robosuite's or is restated here. Whatever is not supported runs
+robosuite's own loop, after one warning.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+from robosuite.controllers.composite.composite_controller import CompositeController
+from robosuite.controllers.parts.arm.osc import OperationalSpaceController
+from robosuite.controllers.parts.gripper.simple_grip import SimpleGripController
+from robosuite.environments.base import MujocoEnv
+from robosuite.environments.robot_env import RobotEnv
+from robosuite.robots import FixedBaseRobot
+from robosuite.utils import transform_utils
+
+from ocplanner import _core
+from ocplanner.envs.sampling import advance_observables
+from ocplanner.envs.simulator import mujoco
+from ocplanner.errors import OcplannerError, ShapeError
+
+_CALLBACKS = ("act_bias", "act_dyn", "act_gain", "contactfilter", "control", "passive", "sensor", "time")
+
+
+def attach(env: MujocoEnv) -> "NativeControl | None":
+    """Makes ``env.step`` run natively, with the results of robosuite's own.
+
+    Args:
+        env: a robosuite environment, not wrapped, with one arm under ``OSC_POSE`` in the ``BASIC`` composite
+            controller.
+
+    Returns:
+        The control loop, or None, after a warning that says why, where ``env`` keeps robosuite's own.
+    """
+    if isinstance(attached := vars(env).get("step"), _Step):
+        return attached.control
+    control = NativeControl(env)
+    if control.bind() is None:
+        return None
+    env.step = _Step(control)
+    return control
+
+
+class NativeControl:
+    """The native control loop of one environment; it follows soft and hard resets."""
+
+    def __init__(self, env: MujocoEnv) -> None:
+        """Binds nothing yet."""
+        self.env: Any = env
+        self._bound: _Binding | None = None
+        self._refused: Any = None
+        self._warned = False
+
+    def bind(self) -> "_Binding | None":
+        """Binds to the present simulation and controllers, or None, after one warning, if they are not supported."""
+        env, bound = self.env, self._bound
+        robot = env.robots[0]
+        composite = robot.composite_controller
+        if bound is not None and bound.composite is composite and bound.enabled is robot._enabled_parts:
+            return bound
+        if composite is not None and self._refused is composite:
+            return None
+        reason = _unsupported(env)
+        if reason is None:
+            try:
+                self._bound = _Binding(env, bound.loop if bound and bound.data is env.sim.data._data else None)
+                return self._bound
+            except (OcplannerError, AttributeError) as error:
+                reason = str(error)
+        self._bound, self._refused = None, composite
+        if not self._warned:
+            message = f"robosuite's own control loop is used: the native one does not support {reason}"
+            warnings.warn(message, RuntimeWarning, stacklevel=4)
+            self._warned = True
+        return None
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, dict[str, Any]]:
+        """As ``env.step``.
+
+        Args:
+            action: (action_dim,) numbers.
+
+        Returns:
+            Observations, reward, done and an empty dictionary.
+
+        Raises:
+            ValueError: after the episode's end.
+            ShapeError: if the action has another length.
+            InvalidValueError: if the action is not finite.
+        """
+        env, bound = self.env, self.bind()
+        if bound is None:
+            return type(env).step(env, action)
+        self._begin(bound, action)
+        advance_observables(env, bound.loop.advance, bound.substeps)
+        bound.settle()
+        env.cur_time += env.control_timestep
+        reward, done, info = env._post_action(action)
+        return env._get_observations(), reward, done, info
+
+    def advance(self, action: np.ndarray) -> None:
+        """One control step without observations and without a reward.
+
+        The physics, the clock, the step count and ``env.done`` are those of :meth:`step`. Observables keep their old
+        values: ``env._get_observations(force_update=True)`` measures them.
+
+        Args:
+            action: (action_dim,) numbers.
+
+        Raises:
+            ValueError: after the episode's end.
+            ShapeError: if the action has another length.
+            InvalidValueError: if the action is not finite.
+        """
+        env, bound = self.env, self.bind()
+        if bound is None:
+            type(env).step(env, action)
+            return
+        self._begin(bound, action)
+        bound.loop.advance(bound.substeps)
+        bound.settle()
+        env.cur_time += env.control_timestep
+        env.done = env.timestep >= env.horizon and not env.ignore_done
+
+    def _begin(self, bound: "_Binding", action: np.ndarray) -> None:
+        env = self.env
+        if env.done:
+            raise ValueError("executing action in terminated episode")
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (env.action_dim,):
+            raise ShapeError(f"action: shape is {action.shape}, expected ({env.action_dim},)")
+        bound.begin(action)
+        env.timestep += 1
+
+
+class _Step:
+    """``env.step`` once attached."""
+
+    def __init__(self, control: NativeControl) -> None:
+        self.control = control
+
+    def __call__(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, dict[str, Any]]:
+        return self.control.step(action)
+
+
+class _Binding:
+    """The loop over one simulation and the controllers that one reset has made."""
+
+    def __init__(self, env: Any, loop: "_core.ControlLoop | None") -> None:
+        robot = env.robots[0]
+        self.robot, self.composite, self.enabled = robot, robot.composite_controller, robot._enabled_parts
+        self.model, self.data = env.sim.model._model, env.sim.data._data
+        self.substeps = int(env.control_timestep / env.model_timestep)
+        self.arm: Any = self.composite.part_controllers["right"]
+        self.gripper: Any = self.composite.part_controllers["right_gripper"]
+        self.arm_slice = slice(*self.composite._action_split_indexes["right"])
+        self.gripper_slice = slice(*self.composite._action_split_indexes["right_gripper"])
+        self.wrench = [_sensor(env.sim.model, name) for name in robot.gripper["right"].important_sensors.values()]
+        site = env.sim.model.site_name2id
+        self.loop = loop or _core.ControlLoop(
+            self.model,
+            self.data,
+            eef_site=site(self.arm.ref_name),
+            base_site=site(f"{self.arm.naming_prefix}{self.arm.part_name}_center"),
+            joint_qpos=[int(index) for index in self.arm.qpos_index],
+            joint_qvel=[int(index) for index in self.arm.qvel_index],
+            arm_actuators=robot._ref_actuators_indexes_dict["right"],
+            gripper_actuators=robot._ref_actuators_indexes_dict["right_gripper"],
+            world_frame=self.arm.input_ref_frame == "world",
+            uncouple=self.arm.uncoupling,
+            lite_physics=env.lite_physics,
+        )
+
+    def begin(self, action: np.ndarray) -> None:
+        """The first substep up to the actuators' commands, and what robosuite records at that moment."""
+        arm, gripper, loop = self.arm, self.gripper, self.loop
+        gripper.set_goal(self.robot.gripper["right"].format_action(action[self.gripper_slice]))
+        if not arm.new_update:
+            # robosuite's controller has measured already, at the reset, and does not measure again.
+            velocity, inertia = (
+                np.concatenate((arm.ref_pos_vel, arm.ref_ori_vel)),
+                np.ascontiguousarray(arm.mass_matrix),
+            )
+            loop.remember(arm.ref_pos, arm.ref_ori_mat, velocity, arm.J_full, inertia, arm.joint_pos, arm.joint_vel)
+        delta, command = arm.scale_action(action[self.arm_slice]), gripper.run_controller()
+        loop.begin(delta, command, arm.kp, arm.kd, arm.initial_joint)
+        arm.goal_pos, arm.goal_ori = loop.goal_position, loop.goal_rotation
+        self.settle()
+        self._record(action)
+
+    def settle(self) -> None:
+        """Leaves in robosuite's controller what it would have measured and computed last."""
+        arm = self.arm
+        position, rotation, velocity, jacobian, inertia, joint_pos, joint_vel = self.loop.measured()
+        arm.ref_pos[:], arm.ref_ori_mat[:] = position, rotation
+        arm.ref_pos_vel[:], arm.ref_ori_vel[:] = velocity[:3], velocity[3:]
+        arm.J_full[:], arm.J_pos[:], arm.J_ori[:] = jacobian, jacobian[:3], jacobian[3:]
+        arm.mass_matrix, arm.joint_pos, arm.joint_vel = inertia, joint_pos, joint_vel
+        arm.torques, arm.new_update = self.loop.torques, True
+
+    def _record(self, action: np.ndarray) -> None:
+        """The robot's histories, as ``FixedBaseRobot.control`` keeps them."""
+        robot, arm = self.robot, self.arm
+        robot.recent_qpos.push(robot._joint_positions)
+        robot.recent_actions.push(action)
+        robot.recent_torques.push(robot.torques)
+        readings = self.data.sensordata
+        robot.recent_ee_forcetorques["right"].push(np.concatenate([readings[sensor] for sensor in self.wrench]))
+        quat_xyzw = transform_utils.mat2quat(arm.ref_ori_mat)
+        robot.recent_ee_pose["right"].push(np.concatenate((arm.ref_pos, quat_xyzw)))
+        velocity = np.concatenate((arm.ref_pos_vel, arm.ref_ori_vel))
+        robot.recent_ee_vel["right"].push(velocity)
+        history, acceleration = robot.recent_ee_vel_buffer["right"], robot.recent_ee_acc["right"]
+        history.push(velocity)
+        # The mean of the last acceleration and of nine differences, which add up to the difference of the ends.
+        rise = robot.control_freq * (history.buf[-1] - history.buf[0])
+        acceleration.push((acceleration.current + rise) / history.length)
+
+
+def _sensor(model: Any, name: str) -> slice:
+    """Where a sensor's reading stands in ``sensordata``."""
+    index = model.sensor_name2id(name)
+    start = int(np.sum(model.sensor_dim[:index]))
+    return slice(start, start + int(model.sensor_dim[index]))
+
+
+def _unsupported(env: Any) -> str | None:
+    """What about ``env`` keeps it from running natively, or None."""
+    kind = type(env)
+    if kind.step is not MujocoEnv.step or kind._pre_action is not RobotEnv._pre_action:
+        return f"the control loop of {kind.__name__}"
+    if kind._update_observables is not MujocoEnv._update_observables:
+        return f"the observables of {kind.__name__}"
+    if env.has_renderer or env.viewer is not None:
+        return "an on-screen viewer"
+    if len(env.robots) != 1 or type(env.robots[0]) is not FixedBaseRobot or env.robots[0].arms != ["right"]:
+        return "anything but one fixed arm"
+    robot = env.robots[0]
+    composite = robot.composite_controller
+    parts = composite.part_controllers
+    if type(composite) is not CompositeController or list(parts) != ["right", "right_gripper"]:
+        return f"the composite controller {composite.name} with the parts {', '.join(parts)}"
+    if not all(robot._enabled_parts.get(part, False) for part in parts):
+        return "disabled parts of the robot"
+    arm, gripper = parts["right"], parts["right_gripper"]
+    if type(arm) is not OperationalSpaceController or not arm.use_ori:
+        return f"the arm's controller {arm.name}"
+    if arm.impedance_mode != "fixed" or arm.input_type != "delta" or arm._goal_update_mode != "achieved":
+        return f"{arm.impedance_mode} impedance with {arm.input_type} actions added to the {arm._goal_update_mode} pose"
+    if arm.interpolator_pos is not None or arm.interpolator_ori is not None:
+        return "interpolated goals"
+    if arm.position_limits is not None or np.any(np.array(arm.orientation_limits, dtype=bool)):
+        return "limits on the goal"
+    if type(gripper) is not SimpleGripController or gripper.interpolator is not None:
+        return f"the gripper's controller {type(gripper).__name__}"
+    if any(getattr(mujoco, f"get_mjcb_{name}")() is not None for name in _CALLBACKS):
+        return "MuJoCo callbacks"
+    return None
