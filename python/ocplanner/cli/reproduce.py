@@ -40,10 +40,10 @@ class Reproduce:
             experiments = reproduction.planner_experiments(self.seeds)
             for name in reproduction.render_images(self.data, self.work, self.workers):
                 console.print(f"rendered {name}")
-            for name in reproduction.train_all(experiments, self.work, self.results, self.workers):
-                console.print(f"trained {name}")
             command = shlex.join(["ocplanner", *sys.argv[1:]])
-            console.print(str(reproduction.held_out(experiments, self.work, self.results, command)))
+            for name in reproduction.train_all(experiments, self.work, self.results, self.workers):
+                out = reproduction.held_out(experiments, self.work, self.results, command)
+                console.print(f"trained {name}; errors in {out}")
             return
         for experiment in reproduction.transfer_experiments(self.seeds):
             name = reproduction.transfer(experiment, self.work, self.results, self.episodes, self.workers)

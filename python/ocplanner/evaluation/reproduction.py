@@ -8,7 +8,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -59,31 +59,45 @@ OBSERVES = ("masked", "no-robot", "full")
 ROBOTS = ("Sawyer", "UR5e", "Panda")
 
 
-def planner_experiments(seeds: Iterable[int]) -> tuple[PlannerExperiment, ...]:
-    """Three seeds of the H = 20 pose planner a kind of observation; one of every other horizon and output."""
-    main = [PlannerExperiment(observe=observe, seed=seed) for observe in OBSERVES for seed in seeds]
-    others = [
-        PlannerExperiment(horizon=horizon, outputs=outputs)
+def planner_experiments(seeds: Sequence[int]) -> tuple[PlannerExperiment, ...]:
+    """Every seed of the H = 20 pose planner for each kind of observation, and one of every other horizon and output.
+
+    In the order of what matters: the default first, the upper bound and the plain images beside it, then the rest.
+    """
+    first, *rest = seeds
+    experiments = [PlannerExperiment(seed=seed) for seed in seeds]
+    experiments += [PlannerExperiment(observe=observe, seed=first) for observe in OBSERVES[1:]]
+    experiments += [
+        PlannerExperiment(horizon=horizon, outputs=outputs, seed=first)
         for horizon in (5, 20, 50)
         for outputs in ("pose", "position")
         if (horizon, outputs) != (20, "pose")
     ]
-    return tuple(main + others)
+    experiments += [PlannerExperiment(observe=observe, seed=seed) for seed in rest for observe in OBSERVES[1:]]
+    return tuple(experiments)
 
 
-def transfer_experiments(seeds: Iterable[int]) -> tuple[TransferExperiment, ...]:
-    """Every observation and seed on every arm; the paper's ways of following and imperfect masks on Sawyer."""
-    seeds = tuple(seeds)
-    experiments = [
-        TransferExperiment(robot, observe=observe, seed=seed)
-        for observe in OBSERVES
-        for seed in seeds
-        for robot in ROBOTS
+def transfer_experiments(seeds: Sequence[int]) -> tuple[TransferExperiment, ...]:
+    """Every planner on every arm; the paper's ways of following and imperfect masks on Sawyer.
+
+    In the order of what matters, like the planners.
+    """
+    first, *rest = seeds
+    experiments = [TransferExperiment(robot, seed=seed) for seed in seeds for robot in ROBOTS]
+    experiments += [TransferExperiment("Sawyer", follow=follow, seed=first) for follow in ("open-loop", "time")]
+    experiments += [
+        TransferExperiment(robot, observe=observe, seed=first) for observe in OBSERVES[1:] for robot in ROBOTS
+    ]
+    experiments += [TransferExperiment("Sawyer", seed=first, mask_error=pixels) for pixels in (1, 2, 3)]
+    experiments += [
+        TransferExperiment("Sawyer", follow=follow, seed=seed) for seed in rest for follow in ("open-loop", "time")
     ]
     experiments += [
-        TransferExperiment("Sawyer", follow=follow, seed=seed) for follow in ("open-loop", "time") for seed in seeds
+        TransferExperiment(robot, observe=observe, seed=seed)
+        for seed in rest
+        for observe in OBSERVES[1:]
+        for robot in ROBOTS
     ]
-    experiments += [TransferExperiment("Sawyer", mask_error=pixels) for pixels in (1, 2, 3)]
     return tuple(experiments)
 
 
@@ -156,10 +170,13 @@ def train_all(experiments: Iterable[PlannerExperiment], work: Path, results: Pat
 def held_out(experiments: Iterable[PlannerExperiment], work: Path, results: Path, command: str) -> Path:
     """Collect into ``heldout.json`` what each training measured on ``mask/valid``.
 
-    One row for each planner, candidate (before and after fine-tuning) and arm shown.
+    One row for each planner, candidate (before and after fine-tuning) and arm shown; planners not yet trained are left
+    out.
     """
     rows = []
     for experiment in experiments:
+        if not (work / experiment.name / "planner.safetensors").exists():
+            continue
         lines = (work / experiment.name / "metrics.jsonl").read_text().splitlines()
         final = [row for row in map(json.loads, lines) if row.get("stage") == "final"]
         rows += [{"planner": experiment.name, **asdict(experiment), **row} for row in final]
