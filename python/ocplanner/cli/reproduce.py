@@ -4,8 +4,9 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+import tyro
 from rich.console import Console
 
 from ocplanner.evaluation import reproduction
@@ -18,7 +19,7 @@ class Reproduce:
     What is there already is not done again; run the same command again after a stop.
     """
 
-    part: Literal["planners", "zero-shot"]
+    part: Annotated[Literal["planners", "zero-shot"], tyro.conf.Positional]
     """planners: images, training and held-out errors. zero-shot: every planner on every arm."""
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
