@@ -170,9 +170,11 @@ class PlannerTraining:
     seed: int = 0
     network: NetworkConfig = field(default_factory=NetworkConfig)
     loss: LossConfig = field(default_factory=LossConfig)
-    vae: StageConfig = field(default_factory=lambda: StageConfig(steps=4000, batch=128))
-    predictor: StageConfig = field(default_factory=lambda: StageConfig(steps=6000))
-    finetune: StageConfig = field(default_factory=lambda: StageConfig(steps=2000, learning_rate=3e-4))
+    vae: StageConfig = field(
+        default_factory=lambda: StageConfig(steps=2500, batch=128, learning_rate=2e-3, weight_decay=0.0)
+    )
+    predictor: StageConfig = field(default_factory=lambda: StageConfig(steps=3500))
+    finetune: StageConfig = field(default_factory=lambda: StageConfig(steps=1500, learning_rate=3e-4))
     """Predictor and decoder together on the trajectory loss; 0 steps: no third stage."""
     keep: Literal["better", "predictor", "finetune"] = "better"
     """Which stage becomes the planner: the better one on held-out demonstrations, or always the named one."""
@@ -218,7 +220,7 @@ def preset(name: str) -> PlannerTraining:
     return PlannerTraining(
         preset="robomimic",
         network=NetworkConfig(encoder=resnet, predictor_hidden=(1024, 1024), decoder_hidden=256, trajectory_hidden=256),
-        vae=StageConfig(steps=20_000, batch=128),
+        vae=StageConfig(steps=10_000, batch=128, weight_decay=0.0),
         predictor=StageConfig(steps=60_000, batch=64, learning_rate=3e-4),
         finetune=StageConfig(steps=10_000, batch=64, learning_rate=1e-4),
         validate_every=2000,
