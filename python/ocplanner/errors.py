@@ -39,7 +39,12 @@ class UnknownNameError(OcplannerError, ValueError):
     """A robot, task, camera or option that does not exist."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(sorted(known))}")
+        self._parts = (kind, name, tuple(sorted(known)))
+        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(self._parts[2])}")
+
+    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, tuple[str, ...]]]:
+        """Survive the way back from a worker process."""
+        return type(self), self._parts
 
 
 class RenderingError(OcplannerError):

@@ -11,7 +11,7 @@ import pytest
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.frames import RenderSettings
 from ocplanner.demos.render import render_dataset
-from ocplanner.errors import DatasetError, InvalidValueError, OutputError
+from ocplanner.errors import DatasetError, InvalidValueError, OutputError, UnknownNameError
 
 SMALL = RenderSettings(observe="masked", size=24, frames="manipulation")
 
@@ -110,3 +110,10 @@ def test_states_of_another_model_are_refused(tiny_square, tmp_path):
         render_dataset(broken, tmp_path / "out.hdf5", SMALL)
     with pytest.raises(InvalidValueError, match="workers"):
         render_dataset(broken, tmp_path / "out.hdf5", SMALL, workers=0)
+
+
+def test_a_mistaken_camera_is_told_from_a_worker_and_can_be_corrected(tiny_square, tmp_path):
+    target = tmp_path / "mistaken.hdf5"
+    with pytest.raises(UnknownNameError, match="agentview"):
+        render_dataset(tiny_square(), target, RenderSettings(cameras=("wrist",)), workers=2)
+    render_dataset(tiny_square(), target, RenderSettings(observe="full", size=8), limit=1)

@@ -7,6 +7,7 @@ masks that other arms would have with their end effector where the recorded one 
 import json
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -135,6 +136,7 @@ _worker: _Worker | None = None
 
 def _start_worker(*workplace: object) -> None:
     global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which lets its workers finish
     # Mesa's software renderer starts a thread a core; with a process a core those only get in each other's way.
     os.environ.setdefault("LP_NUM_THREADS", "1")
     _worker = _Worker(*workplace)  # type: ignore[arg-type]

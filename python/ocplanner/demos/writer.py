@@ -143,7 +143,7 @@ class DatasetWriter:
 
     def _open_parts(self, resume: bool) -> None:
         header = self.parts / _HEADER
-        if resume and header.exists():
+        if resume and header.exists() and self.done:
             try:
                 found = json.loads(header.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
