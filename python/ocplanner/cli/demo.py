@@ -1,0 +1,77 @@
+"""``ocplanner demo``: the main job, from demonstrations to another arm."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from ocplanner.cli.collect import Collect
+from ocplanner.cli.doctor import Doctor
+from ocplanner.cli.render import Render
+from ocplanner.cli.report import Report
+from ocplanner.cli.train_planner import TrainPlanner
+from ocplanner.cli.transfer import Transfer
+from ocplanner.envs.robots import robot as robot_spec
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The main job: demonstrations of a Panda -> planner -> another arm; ends with a success rate, videos and a report.
+
+    Without --data it first collects scripted demonstrations of Square. Stop it whenever you like: the same command goes
+    on where it was.
+    """
+
+    data: Path | None = None
+    """A robomimic data set with states to learn from, such as Square PH; collected when not given."""
+    out: Path = Path("runs/demo")
+    """The folder that receives everything."""
+    robot: str = "Sawyer"
+    """The arm to carry the skill to."""
+    demonstrations: int = 100
+    """How many demonstrations to collect when there is no data set."""
+    episodes: int = 20
+    """Zero-shot episodes, seeds 10000 and up."""
+    seed: int = 0
+    """Seed of collecting and training."""
+    workers: int = 2
+    """Processes."""
+
+    def run(self) -> None:
+        """Take the steps that are not done yet, one after the other."""
+        robot_spec(self.robot)
+        console = Console()
+        console.rule("1/6 this machine")
+        Doctor().run()
+
+        console.rule("2/6 demonstrations")
+        data = self.data or self.out / "demonstrations.hdf5"
+        if self.data is None and not data.exists():
+            Collect(out=data, episodes=self.demonstrations, seed=self.seed, workers=self.workers).run()
+        console.print(str(data), soft_wrap=True)
+
+        console.rule("3/6 images")
+        images = self.out / "images.hdf5"
+        if not images.exists():
+            Render(source=data, target=images, frames="manipulation", workers=self.workers).run()
+        console.print(str(images), soft_wrap=True)
+
+        console.rule("4/6 the object-centric planner")
+        run = self.out / "planner"
+        planner = run / "planner.safetensors"
+        if not planner.exists():
+            TrainPlanner(data=images, run_folder=run, seed=self.seed, threads=self.workers).run()
+
+        console.rule(f"5/6 zero-shot on {self.robot}")
+        result = self.out / f"{self.robot.lower()}.json"
+        videos = min(3, self.episodes)
+        transfer = Transfer(
+            planner=planner, robot=self.robot, episodes=self.episodes, workers=self.workers, videos=videos, out=result
+        )
+        transfer.run()
+
+        console.rule("6/6 report")
+        Report(paths=(self.out,), out=self.out / "report.html").run()
+
+
+COMMAND = Demo
