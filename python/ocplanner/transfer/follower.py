@@ -54,6 +54,7 @@ class Follower:
         self._lifted = False
         self._still = 0
         self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
+        self._hold: float | None = None
         self._aligning = 0
         self._lowering: Reading | None = None
         self._attempt = 0
@@ -140,7 +141,7 @@ class Follower:
         goal = self.goal
         if goal is not None:
             return self._let_down(now, goal, moved)
-        self._lowering = None
+        self._lowering = self._hold = None
         if self._still >= self._rule.stuck_steps:
             return self._come_free(here)
         return Command(target, "transit")
@@ -151,6 +152,8 @@ class Follower:
         ring = rule.search * (1 + self._attempt // len(_SEARCH))
         place = goal.position.copy()
         place[:2] += ring * _SEARCH[self._attempt % len(_SEARCH)]
+        if self._hold is None:  # fixed from here on: with every overshoot it would climb
+            self._hold = max(self._top, float(goal.position[2]) + rule.lowering)
         if self._lowering is None:
             self._aligning += 1
             slack = 2.0 if self._aligning > rule.patience else 1.0
@@ -159,7 +162,7 @@ class Follower:
                 or angle_between(here.rotation, rotation) > slack * rule.aligned_rotation
                 or moved > slack * rule.resting
             ):
-                return Command(Pose(np.array([*place[:2], self._top]), rotation), "align")
+                return Command(Pose(np.array([*place[:2], self._hold]), rotation), "align")
             self._lowering = now
             self._still = 0
         slipped = np.linalg.norm(now.grip_point - self._lowering.grip_point) > rule.slip
@@ -167,6 +170,7 @@ class Follower:
             self._attempt += 1
             self._lowering = None
             self._aligning = 0
+            self._hold = float(here.position[2]) + rule.unstick_lift
             return self._come_free(here)
         place[2] = max(place[2] - rule.press, here.position[2] - rule.lower_step)
         return Command(Pose(place, rotation), "lower")
