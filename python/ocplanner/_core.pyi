@@ -161,3 +161,94 @@ class ControlLoop:
     @property
     def torques(self) -> _F64:
         """(joints,) N m, computed last, gravity compensation included, before clipping."""
+
+@final
+class DeltaPoseLaw:
+    """How a pose difference becomes a normalised OSC_POSE action.
+
+    Gains multiply the differences; a command is cut to ``limit_horizontal`` (m, the length in xy), ``limit_vertical`` (m)
+    and ``limit_rotation`` (rad) a step, and divided by the controller's output scales (m, rad).
+
+    Raises:
+        InvalidValueError: a number is not positive, or a limit exceeds its scale.
+    """
+
+    def __new__(
+        cls,
+        *,
+        gain_position: float = 1.0,
+        gain_rotation: float = 1.0,
+        limit_horizontal: float = 0.05,
+        limit_vertical: float = 0.05,
+        limit_rotation: float = 0.2,
+        scale_position: float = 0.05,
+        scale_rotation: float = 0.5,
+    ) -> DeltaPoseLaw: ...
+
+def delta_pose_action(
+    object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
+) -> _F64:
+    """(6,) action in [-1, 1] that moves a rigidly held object from its pose toward another.
+
+    Args:
+        object: ((3,), (3, 3)) its pose, world frame, metres.
+        target: the pose wanted.
+        eef: pose of the end-effector site.
+        rotation_world_base: (3, 3) base frame -> world; the action is in the base frame.
+        law: gains and limits.
+
+    Raises:
+        InvalidValueError: a number is not finite, or a matrix is no rotation.
+        ShapeError: wrong shape.
+    """
+
+def delta_pose_actions(
+    object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
+) -> _F64:
+    """(B, 6) actions of B environments: every argument of :func:`delta_pose_action` with a leading B."""
+
+@final
+class DeltaPoseController:
+    """Follows one plan at a time; remembers how far along it the object is.
+
+    ``follow`` is ``"open-loop"`` (differences of consecutive planned poses, the paper's), ``"time"`` (closed loop, one
+    plan step a control step) or ``"gated"`` (closed loop; starts at the nearest plan step and advances while the object
+    is within ``gate_position`` m and ``gate_rotation`` rad).
+
+    Raises:
+        InvalidValueError: an unknown mode or a gate that is not positive.
+    """
+
+    def __new__(
+        cls,
+        follow: str = "gated",
+        *,
+        gate_position: float = 0.025,
+        gate_rotation: float = 0.2,
+        law: DeltaPoseLaw | None = None,
+    ) -> DeltaPoseController: ...
+    def set_plan(self, positions: _F64, rotations: _F64 | None, object: _Pose) -> None:
+        """Take (H, 3) planned positions, m, and (H, 3, 3) rotations, or None, and the object's present pose.
+
+        Raises:
+            InvalidValueError: a number is not finite, or a matrix is no rotation.
+            ShapeError: wrong shape, or an empty plan.
+        """
+
+    def target(self, object: _Pose) -> _Pose:
+        """Advance along the plan; the pose at which to aim the object now.
+
+        Raises:
+            InvalidValueError: there is no plan yet.
+        """
+
+    def action(self, object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64) -> _F64:
+        """As :func:`delta_pose_action`, by the controller's own law."""
+
+    @property
+    def index(self) -> int:
+        """The plan step that is the target now."""
+
+    @property
+    def at_end(self) -> bool:
+        """Whether that is the last one."""
