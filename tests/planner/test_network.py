@@ -1,3 +1,4 @@
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -150,5 +151,5 @@ def test_the_learning_rate_warms_up_and_decays(tiny):
     config = replace(tiny().vae, steps=100, warmup=10, learning_rate=1.0)
     rates = [learning_rate(config, step) for step in range(100)]
     assert rates[0] < rates[5] < rates[9]
-    assert all(a > b for a, b in zip(rates[10:], rates[11:]))
+    assert all(a > b for a, b in itertools.pairwise(rates[10:]))
     assert rates[-1] < 0.01
