@@ -71,11 +71,13 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep(path.parent, prefix)
         temporary.touch()
+        mode = temporary.stat().st_mode & 0o777  # writers that replace the file, such as safetensors', make it private
     try:
         with writing(path):
             yield temporary
             descriptor = os.open(temporary, os.O_RDWR)
             try:
+                os.fchmod(descriptor, mode)
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)

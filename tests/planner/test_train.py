@@ -38,6 +38,7 @@ def test_a_run_folder_holds_everything(frames, tmp_path, tiny, settings):
     assert len({row["candidate"] for row in final if row["kept"]}) == 1
     config, _ = read_planner_file(planner)
     assert config["training"]["held_out"]["source"]["ade_mm"] > 0
+    assert planner.stat().st_mode == (tmp_path / "run" / "config.yaml").stat().st_mode
 
 
 def test_losses_fall(frames, tmp_path, tiny, settings):
