@@ -166,8 +166,8 @@ class ControlLoop:
 class DeltaPoseLaw:
     """How a pose difference becomes a normalised OSC_POSE action.
 
-    Gains multiply the differences; a command is cut to ``limit_horizontal`` (m, the length in xy), ``limit_vertical`` (m)
-    and ``limit_rotation`` (rad) a step, and divided by the controller's output scales (m, rad).
+    Gains multiply the differences; a command is cut to ``limit_horizontal`` (m, the length in xy), ``limit_vertical``
+    (m) and ``limit_rotation`` (rad) a step, and divided by the controller's output scales (m, rad).
 
     Raises:
         InvalidValueError: a number is not positive, or a limit exceeds its scale.
@@ -186,14 +186,14 @@ class DeltaPoseLaw:
     ) -> DeltaPoseLaw: ...
 
 def delta_pose_action(
-    object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
+    pose_object: _Pose, pose_target: _Pose, pose_eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
 ) -> _F64:
     """(6,) action in [-1, 1] that moves a rigidly held object from its pose toward another.
 
     Args:
-        object: ((3,), (3, 3)) its pose, world frame, metres.
-        target: the pose wanted.
-        eef: pose of the end-effector site.
+        pose_object: ((3,), (3, 3)) its pose, world frame, metres.
+        pose_target: the pose wanted.
+        pose_eef: pose of the end-effector site.
         rotation_world_base: (3, 3) base frame -> world; the action is in the base frame.
         law: gains and limits.
 
@@ -203,7 +203,7 @@ def delta_pose_action(
     """
 
 def delta_pose_actions(
-    object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
+    pose_object: _Pose, pose_target: _Pose, pose_eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
 ) -> _F64:
     """(B, 6) actions of B environments: every argument of :func:`delta_pose_action` with a leading B."""
 
@@ -227,7 +227,7 @@ class DeltaPoseController:
         gate_rotation: float = 0.2,
         law: DeltaPoseLaw | None = None,
     ) -> DeltaPoseController: ...
-    def set_plan(self, positions: _F64, rotations: _F64 | None, object: _Pose) -> None:
+    def set_plan(self, positions: _F64, rotations: _F64 | None, pose_object: _Pose) -> None:
         """Take (H, 3) planned positions, m, and (H, 3, 3) rotations, or None, and the object's present pose.
 
         Raises:
@@ -235,14 +235,14 @@ class DeltaPoseController:
             ShapeError: wrong shape, or an empty plan.
         """
 
-    def target(self, object: _Pose) -> _Pose:
+    def target(self, pose_object: _Pose) -> _Pose:
         """Advance along the plan; the pose at which to aim the object now.
 
         Raises:
             InvalidValueError: there is no plan yet.
         """
 
-    def action(self, object: _Pose, target: _Pose, eef: _Pose, rotation_world_base: _F64) -> _F64:
+    def action(self, pose_object: _Pose, pose_target: _Pose, pose_eef: _Pose, rotation_world_base: _F64) -> _F64:
         """As :func:`delta_pose_action`, by the controller's own law."""
 
     @property

@@ -97,17 +97,18 @@ fn law_of(law: Option<&DeltaPoseLaw>) -> core::DeltaPoseLaw {
 
 /// One action from one set of poses.
 #[pyfunction]
-#[pyo3(signature = (object, target, eef, rotation_world_base, law=None))]
+#[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
 fn delta_pose_action<'py>(
     py: Python<'py>,
-    object: PoseArrays<'py>,
-    target: PoseArrays<'py>,
-    eef: PoseArrays<'py>,
+    pose_object: PoseArrays<'py>,
+    pose_target: PoseArrays<'py>,
+    pose_eef: PoseArrays<'py>,
     rotation_world_base: PyReadonlyArray2<'py, f64>,
     law: Option<&DeltaPoseLaw>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let compute = || -> Result<[f64; 6]> {
-        let (object, target, eef) = (pose("object", &object)?, pose("target", &target)?, pose("eef", &eef)?);
+        let (object, target, eef) =
+            (pose("object", &pose_object)?, pose("target", &pose_target)?, pose("eef", &pose_eef)?);
         law_of(law).action(&object, &target, &eef, &base(&rotation_world_base)?)
     };
     compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
@@ -115,17 +116,18 @@ fn delta_pose_action<'py>(
 
 /// B actions from B sets of poses.
 #[pyfunction]
-#[pyo3(signature = (object, target, eef, rotation_world_base, law=None))]
+#[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
 fn delta_pose_actions<'py>(
     py: Python<'py>,
-    object: PoseBatch<'py>,
-    target: PoseBatch<'py>,
-    eef: PoseBatch<'py>,
+    pose_object: PoseBatch<'py>,
+    pose_target: PoseBatch<'py>,
+    pose_eef: PoseBatch<'py>,
     rotation_world_base: PyReadonlyArray3<'py, f64>,
     law: Option<&DeltaPoseLaw>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let compute = || -> Result<numpy::ndarray::Array2<f64>> {
-        let (object, target, eef) = (poses("object", &object)?, poses("target", &target)?, poses("eef", &eef)?);
+        let (object, target, eef) =
+            (poses("object", &pose_object)?, poses("target", &pose_target)?, poses("eef", &pose_eef)?);
         let count = object.len();
         for (what, found) in [("target", target.len()), ("eef", eef.len())] {
             if found != count {
@@ -181,13 +183,13 @@ impl DeltaPoseController {
         core::DeltaPoseController::new(law_of(law), follow).map(Self).map_err(|error| to_python(py, &error))
     }
 
-    #[pyo3(signature = (positions, rotations, object))]
+    #[pyo3(signature = (positions, rotations, pose_object))]
     fn set_plan<'py>(
         &mut self,
         py: Python<'py>,
         positions: PyReadonlyArray2<'py, f64>,
         rotations: Option<PyReadonlyArray3<'py, f64>>,
-        object: PoseArrays<'py>,
+        pose_object: PoseArrays<'py>,
     ) -> PyResult<()> {
         let convert = || -> Result<_> {
             let positions = positions.as_array().outer_iter().map(|p| vector("plan", p)).collect::<Result<Vec<_>>>()?;
@@ -195,7 +197,7 @@ impl DeltaPoseController {
                 None => None,
                 Some(r) => Some(r.as_array().outer_iter().map(|m| matrix("plan", m)).collect::<Result<Vec<_>>>()?),
             };
-            Ok((positions, rotations, pose("object", &object)?))
+            Ok((positions, rotations, pose("object", &pose_object)?))
         };
         convert()
             .and_then(|(positions, rotations, object)| self.0.set_plan(positions, rotations, &object))
@@ -206,9 +208,9 @@ impl DeltaPoseController {
     fn target<'py>(
         &mut self,
         py: Python<'py>,
-        object: PoseArrays<'py>,
+        pose_object: PoseArrays<'py>,
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
-        pose("object", &object)
+        pose("object", &pose_object)
             .and_then(|object| self.0.target(&object))
             .map(|target| to_arrays(py, target))
             .map_err(|error| to_python(py, &error))
@@ -217,13 +219,14 @@ impl DeltaPoseController {
     fn action<'py>(
         &self,
         py: Python<'py>,
-        object: PoseArrays<'py>,
-        target: PoseArrays<'py>,
-        eef: PoseArrays<'py>,
+        pose_object: PoseArrays<'py>,
+        pose_target: PoseArrays<'py>,
+        pose_eef: PoseArrays<'py>,
         rotation_world_base: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let compute = || -> Result<[f64; 6]> {
-            let (object, target, eef) = (pose("object", &object)?, pose("target", &target)?, pose("eef", &eef)?);
+            let (object, target, eef) =
+                (pose("object", &pose_object)?, pose("target", &pose_target)?, pose("eef", &pose_eef)?);
             self.0.action(&object, &target, &eef, &base(&rotation_world_base)?)
         };
         compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
