@@ -75,6 +75,7 @@ class Follower:
             rotations = rotations @ (rotations[0].T @ first)
         self._controller.set_plan(np.ascontiguousarray(positions), rotations, now.object)
         self._plan_top = float(np.max(positions[:, 2]))
+        self._top = max(self._top, float(now.object.position[2]))
         end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
