@@ -42,8 +42,18 @@ def provenance(settings) -> Provenance:
     )
 
 
-@pytest.mark.parametrize("encoder", ENCODERS)
-@pytest.mark.parametrize(("modes", "outputs", "cameras"), [(1, "pose", 1), (3, "position", 2)])
+@pytest.mark.parametrize(
+    ("encoder", "modes", "outputs", "cameras"),
+    [
+        ("small-flatten", 1, "pose", 1),
+        ("small-flatten", 3, "position", 2),
+        ("small-softmax-relu", 1, "position", 1),
+        ("small-softmax-relu", 3, "pose", 2),
+        ("small-plain", 1, "pose", 1),
+        ("resnet18", 1, "pose", 1),
+        ("resnet18-flatten", 3, "position", 1),
+    ],
+)
 def test_the_file_plans_as_the_network(tiny, provenance, tmp_path, encoder, modes, outputs, cameras):
     base = tiny(cameras=("agentview", "robot0_eye_in_hand")[:cameras])
     config = replace(base, network=replace(base.network, modes=modes, outputs=outputs, encoder=ENCODERS[encoder]))

@@ -71,6 +71,23 @@ def test_loading_keeps_the_manipulation_only(rendered):
     assert first.tolist() == list(range(len(first), 0, -1))
 
 
+def test_a_demonstration_without_manipulation_is_left_out_and_named(rendered, tmp_path):
+    path = tmp_path / "idle.hdf5"
+    shutil.copy(rendered, path)
+    with h5py.File(path, "a") as file:
+        for key in ("obs/object", "states", "actions", "obs/robot0_eef_pos", "obs/robot0_eef_quat"):
+            array = file[f"data/demo_1/{key}"]
+            array[...] = array[10]
+    said = []
+    with Demonstrations(path) as demos:
+        frames = load_frames(demos, ["demo_0", "demo_1"], PlannerTraining(), "SquareNut", said.append)
+        assert frames.names == ("demo_0",)
+        assert len(said) == 1
+        assert said[0].startswith("demo_1 is left out: ")
+        with pytest.raises(DatasetError, match="none of the 1 demonstrations"):
+            load_frames(demos, ["demo_1"], PlannerTraining(), "SquareNut")
+
+
 def test_settings_travel(rendered):
     with Demonstrations(rendered) as demos:
         settings = data_settings(demos, PlannerTraining())

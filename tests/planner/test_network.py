@@ -61,9 +61,14 @@ def test_an_axis_without_spread_is_harmless():
     assert np.isfinite(Normaliser.fit(np.ones((4, 3))).encode(np.ones((1, 3)), None)).all()
 
 
-@pytest.mark.parametrize("encoder", [EncoderConfig(), EncoderConfig(type="resnet18", pool="spatial_softmax")])
-@pytest.mark.parametrize(("outputs", "size"), [("pose", 9), ("position", 3)])
-@pytest.mark.parametrize("modes", [1, 3])
+@pytest.mark.parametrize(
+    ("encoder", "outputs", "size", "modes"),
+    [
+        (EncoderConfig(), "pose", 9, 1),
+        (EncoderConfig(), "position", 3, 3),
+        (EncoderConfig(type="resnet18", pool="spatial_softmax"), "pose", 9, 3),
+    ],
+)
 def test_shapes(tiny, encoder, outputs, size, modes):
     config = replace(tiny().network, encoder=encoder, outputs=outputs, modes=modes)
     network = PlannerNetwork(config, ("a", "b")).eval()

@@ -1,7 +1,7 @@
 """Training frames in memory: images, masks and the object's future of every kept step of a rendered data set."""
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -209,37 +209,55 @@ def split(demos: Demonstrations, seed: int) -> Split:
     )
 
 
-def load_frames(demos: Demonstrations, names: Sequence[str], config: PlannerTraining, object_name: str) -> Frames:
+def load_frames(
+    demos: Demonstrations,
+    names: Sequence[str],
+    config: PlannerTraining,
+    object_name: str,
+    say: Callable[[str], None] = lambda _: None,
+) -> Frames:
     """Read the kept frames of the named demonstrations, images as uint8 in memory.
 
+    Args:
+        demos: the data set.
+        names: which demonstrations.
+        config: cameras, observation and horizon.
+        object_name: the object whose future is planned.
+        say: is told of each demonstration left out because the object is never manipulated in it.
+
     Raises:
-        DatasetError: an array is missing or no frame is kept.
+        DatasetError: an array is missing, frames were not rendered, or no frame is kept.
     """
-    parts = [_one(demos[name], config, object_name) for name in names]
-    counts = [len(positions.positions) for positions, _ in parts]
-    if sum(counts) == 0:
-        raise DatasetError(f"{demos.path}: the object {object_name} never moves in the {len(names)} demonstrations")
+    kept = []
+    for name in names:
+        positions, rotations = demos[name].object_poses(object_name)
+        try:
+            segment = manipulation_segment(positions, rotations, demos[name].actions[:, -1])
+        except DatasetError as error:
+            say(f"{name} is left out: {error}")
+            continue
+        poses = future(positions, rotations, segment.start, segment.stop, config.network.horizon)
+        kept.append((name, poses, _pictures(demos[name], slice(segment.start, segment.stop), config)))
+    if not kept:
+        raise DatasetError(f"{demos.path}: {object_name} is manipulated in none of the {len(names)} demonstrations")
     cameras = {}
     for camera in config.cameras:
-        pictures = [images[camera] for _, images in parts]
-        scene, mask, silhouettes = (_join(arrays) for arrays in zip(*pictures))
+        scene, mask, silhouettes = (_join(arrays) for arrays in zip(*(pictures[camera] for _, _, pictures in kept)))
         if scene is not None:
             cameras[camera] = CameraFrames(scene, mask, silhouettes)
+    counts = [len(poses.positions) for _, poses, _ in kept]
     return Frames(
         cameras=cameras,
-        positions=np.concatenate([part.positions for part, _ in parts]),
-        rotations=np.concatenate([part.rotations for part, _ in parts]),
-        demonstration=np.repeat(np.arange(len(names), dtype=np.int32), counts),
+        positions=np.concatenate([poses.positions for _, poses, _ in kept]),
+        rotations=np.concatenate([poses.rotations for _, poses, _ in kept]),
+        demonstration=np.repeat(np.arange(len(kept), dtype=np.int32), counts),
         remaining=np.concatenate([np.arange(count, 0, -1, dtype=np.int32) for count in counts]),
-        names=tuple(names),
+        names=tuple(name for name, _, _ in kept),
     )
 
 
-def _one(demo: Demonstration, config: PlannerTraining, object_name: str) -> tuple[Future, dict[str, CameraFrames]]:
-    positions, rotations = demo.object_poses(object_name)
-    segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
-    kept = slice(segment.start, segment.stop)
-    pictures = {camera: _pictures(demo, camera, kept, config.observe) for camera in config.cameras}
+def _pictures(demo: Demonstration, kept: slice, config: PlannerTraining) -> dict[str, CameraFrames]:
+    pictures = {camera: _camera_pictures(demo, camera, kept, config.observe) for camera in config.cameras}
     for camera, frames in pictures.items():
         black = int((~frames.scene.any(axis=(1, 2, 3))).sum())
         if black:
@@ -247,10 +265,10 @@ def _one(demo: Demonstration, config: PlannerTraining, object_name: str) -> tupl
                 f"{demo.name}: {black} of the kept frames of camera {camera!r} are black: they were not rendered; "
                 "render again with `ocplanner render --frames manipulation` or `--frames all`"
             )
-    return future(positions, rotations, segment.start, segment.stop, config.network.horizon), pictures
+    return pictures
 
 
-def _pictures(demo: Demonstration, camera: str, kept: slice, observe: str) -> CameraFrames:
+def _camera_pictures(demo: Demonstration, camera: str, kept: slice, observe: str) -> CameraFrames:
     if observe != "masked":
         return CameraFrames(demo.images(camera, kept))
     keys = demo.observation_keys

@@ -21,10 +21,9 @@ class Progress:
     def __init__(self) -> None:
         self.console = Console(stderr=True, highlight=False)
 
-    def say(self, line: str, only_plain: bool = False) -> None:
-        """Print a line; ``only_plain`` ones are left to the bar when there is one."""
-        if not (only_plain and self.console.is_terminal):
-            self.console.print(line, markup=False, soft_wrap=True)
+    def say(self, line: str) -> None:
+        """Print a line, above the bar when there is one."""
+        self.console.print(line, markup=False, soft_wrap=True)
 
     @contextmanager
     def bar(self, name: str, total: int, done: int) -> Iterator[Callable[[float], None]]:

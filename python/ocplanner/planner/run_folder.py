@@ -109,15 +109,19 @@ class RunFolder:
 
     def record(self, row: Mapping[str, Any]) -> None:
         """Append a row to ``metrics.jsonl`` and its numbers to TensorBoard."""
-        with writing(self.path), (self.path / "metrics.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(dict(row)) + "\n")
-        if "step" in row:
-            if self._board is None:
-                self._board = SummaryWriter(str(self.path / "tensorboard"))
-            for key, value in row.items():
-                if isinstance(value, float):
-                    self._board.add_scalar(f"{row['stage']}/{key}", value, row["step"])
-            self._board.flush()
+        with writing(self.path):
+            with (self.path / "metrics.jsonl").open("a", encoding="utf-8") as file:
+                file.write(json.dumps(dict(row)) + "\n")
+            if "step" in row:
+                self._show(row)
+
+    def _show(self, row: Mapping[str, Any]) -> None:
+        if self._board is None:
+            self._board = SummaryWriter(str(self.path / "tensorboard"))
+        for key, value in row.items():
+            if isinstance(value, float):
+                self._board.add_scalar(f"{row['stage']}/{key}", value, row["step"])
+        self._board.flush()
 
     def close(self) -> None:
         """Close the TensorBoard file."""

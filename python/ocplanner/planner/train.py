@@ -48,8 +48,8 @@ def train_planner(config: PlannerTraining, data: Path, run: Path) -> Path:
         settings = data_settings(demos, config)
         parts = split(demos, config.seed)
         progress.say(f"{len(parts.train)} demonstrations to train on, {len(parts.valid)} held out ({parts.source})")
-        train = load_frames(demos, parts.train, config, settings.object_name)
-        valid = load_frames(demos, parts.valid, config, settings.object_name)
+        train = load_frames(demos, parts.train, config, settings.object_name, progress.say)
+        valid = load_frames(demos, parts.valid, config, settings.object_name, progress.say)
     progress.say(f"{len(train)} and {len(valid)} frames between grasp and release")
     return train_on_frames(config, train, valid, settings, run, progress)
 
@@ -173,7 +173,7 @@ class _Training:
         row |= stage.validate()
         optimisation.swap()
         self.folder.record(row)
-        self.progress.say(summary(row), only_plain=True)
+        self.progress.say(summary(row))
 
     def _save(self, name: str, stage: Stage, step: int, optimisation: Optimisation | None) -> None:
         tensors = {f"network.{key}": value for key, value in self.network.state_dict().items()}
