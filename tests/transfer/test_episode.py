@@ -1,0 +1,65 @@
+"""The whole episode on robosuite, with a planner that knows where the peg is in place of a trained one."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ocplanner.envs import make_env
+from ocplanner.pose import Pose
+from ocplanner.transfer.episode import FAILURES, run_episode
+from ocplanner.transfer.settings import TransferSettings
+from peg_plans import plan_to_peg
+
+
+class KnowingPlanner:
+    """Plans from the object's pose instead of pictures, with a few millimetres of error."""
+
+    def __init__(self, env, error: float = 0.003):
+        self.env, self.error, self.rng = env, error, np.random.default_rng(0)
+
+    def plan(self, images):
+        here = self.env.object_pose()
+        yaw = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
+        goal = np.pi / 2 * np.round(yaw / (np.pi / 2))
+        positions, rotations = plan_to_peg(here, self.rng.normal(0, self.error, 2), goal)
+        return SimpleNamespace(position=positions[None], rotation=rotations[None], probability=np.ones(1))
+
+
+@pytest.mark.parametrize("robot", ["Panda", "Sawyer", "UR5e"])
+def test_an_arm_inserts_the_nut_and_lets_go(robot):
+    with make_env("Square", robot, cameras=()) as env:
+        episode = run_episode(env, KnowingPlanner(env), 501)
+        assert episode.success, episode.failure
+        assert episode.released_by == "follower"
+        assert episode.failure is None
+        assert len(episode.trace.readings) == len(episode.trace.phases) == episode.steps
+
+
+def test_the_same_seed_gives_the_same_episode():
+    with make_env("Square", "Panda", cameras=()) as env:
+        first, _, again = (run_episode(env, KnowingPlanner(env), seed) for seed in (502, 503, 502))
+        assert first.steps == again.steps
+        assert np.array_equal(first.trace.readings[-1].object.position, again.trace.readings[-1].object.position)
+
+
+class Motionless:
+    """A planner that wants the object to stay where it is."""
+
+    def __init__(self, env):
+        self.env = env
+
+    def plan(self, images):
+        here: Pose = self.env.object_pose()
+        return SimpleNamespace(position=np.tile(here.position, (1, 20, 1)), rotation=None, probability=np.ones(1))
+
+
+@pytest.mark.parametrize("follow", ["gated", "open-loop"])
+def test_a_plan_that_leads_nowhere_is_a_classified_failure(follow):
+    with make_env("Square", "Panda", cameras=(), horizon=130) as env:
+        episode = run_episode(env, Motionless(env), 501, TransferSettings(follow=follow))
+    assert not episode.success
+    assert episode.released_by is None
+    assert episode.steps == 130
+    assert episode.failure in FAILURES
+    assert episode.failure == "stuck in transit"

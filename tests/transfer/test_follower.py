@@ -1,0 +1,124 @@
+"""The follower against a floating object that goes where it is told, and a peg that it must be threaded on."""
+
+import numpy as np
+import pytest
+
+from ocplanner.errors import InvalidValueError, UnknownNameError
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import Reading
+from ocplanner.transfer.follower import Follower
+from ocplanner.transfer.settings import FollowSettings, TransferSettings
+from ocplanner.transfer.symmetry import angle_between, yaw_rotation
+from peg_plans import PEG, plan_to_peg
+
+START = np.array([-0.11, 0.15, 0.83])
+TOP, SLACK = 0.96, 0.007
+
+
+class Floating:
+    """An object that moves a third of the way to its target each step and cannot pass through the peg's edge."""
+
+    def __init__(self, yaw: float = 0.0) -> None:
+        self.pose = Pose(START.copy(), yaw_rotation(yaw))
+
+    def read(self) -> Reading:
+        return Reading(self.pose, Pose(self.pose.position + np.array([0.0, 0.06, 0.0]), np.eye(3)), 0.03)
+
+    def move(self, target: Pose) -> None:
+        step = 0.3 * (target.position - self.pose.position)
+        step *= min(1.0, 0.013 / max(1e-9, float(np.linalg.norm(step))))
+        position = self.pose.position + step
+        off = np.linalg.norm(position[:2] - PEG)
+        if SLACK < off < 0.04 and position[2] < TOP <= self.pose.position[2] + 1e-9:
+            position[2] = TOP
+        self.pose = Pose(position, target.rotation)
+
+
+def run(follower: Follower, floating: Floating, plan, horizon: int = 300) -> list[str]:
+    phases = []
+    for step in range(horizon):
+        now = floating.read()
+        if step % 4 == 0:
+            follower.receive(*plan(step, now.object), now)
+        command = follower.command(now)
+        phases.append(command.phase)
+        if command.phase == "release":
+            break
+        floating.move(command.target)
+    return phases
+
+
+def test_carries_lets_down_and_releases():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 4, floating.read())
+    phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
+    assert list(dict.fromkeys(phases)) == ["lift", "transit", "align", "lower", "release"]
+    assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
+    assert floating.pose.position[2] < 0.93
+
+
+def test_errors_of_single_plans_average_out():
+    rng = np.random.default_rng(0)
+    floating = Floating()
+    follower = Follower(TransferSettings(), 4, floating.read())
+    phases = run(follower, floating, lambda step, here: plan_to_peg(here, rng.normal(0, 0.006, 2), 0.0))
+    assert phases[-1] == "release"
+    assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
+
+
+def test_searches_when_the_peg_is_seen_beside_its_place():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 4, floating.read())
+    phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.array([0.009, 0.0]), 0.0))
+    assert "unstick" in phases
+    assert phases[-1] == "release"
+    assert floating.pose.position[2] < 0.93
+
+
+@pytest.mark.parametrize("wrong", [np.pi / 2, np.pi, -np.pi / 2])
+def test_a_yaw_wrong_by_the_goals_symmetry_does_not_turn_the_object(wrong):
+    floating = Floating(yaw=0.4)
+    follower = Follower(TransferSettings(), 4, floating.read())
+    largest = 0.0
+
+    def plan(step, here):
+        nonlocal largest
+        largest = max(largest, angle_between(here.rotation, yaw_rotation(0.4)))
+        return plan_to_peg(here, np.zeros(2), 0.4 + wrong * (step % 3 == 0))
+
+    assert run(follower, floating, plan)[-1] == "release"
+    assert largest < 0.05
+
+
+def test_stuck_in_transit_lifts():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 4, floating.read())
+    floating.pose = Pose(np.array([0.0, 0.1, 0.95]), np.eye(3))
+    phases = []
+    for _ in range(14):
+        now = floating.read()
+        follower.receive(np.tile([0.2, 0.1, 1.0], (20, 1)), None, now)
+        phases.append(follower.command(now).phase)
+    assert phases[0] == "transit"
+    assert phases[-1] == "unstick"
+
+
+@pytest.mark.parametrize("follow", ["time", "open-loop"])
+def test_other_modes_release_by_the_plan_alone(follow):
+    floating = Floating()
+    follower = Follower(TransferSettings(follow=follow), 4, floating.read())
+    floating.pose = Pose(np.array([*PEG, 0.99]), np.eye(3))
+    follower.receive(*plan_to_peg(floating.pose, np.zeros(2), 0.0), floating.read())
+    assert follower.command(floating.read()).phase == "transit"
+    floating.pose = Pose(np.array([*PEG, 0.92]), np.eye(3))
+    follower.command(floating.read())
+    assert follower.command(floating.read()).phase == "release"
+
+
+def test_settings_are_checked():
+    with pytest.raises(UnknownNameError, match="gated"):
+        TransferSettings(follow="blind")
+    with pytest.raises(InvalidValueError, match="gain"):
+        TransferSettings(gain=0.0)
+    with pytest.raises(InvalidValueError, match="replan_steps"):
+        TransferSettings(following=FollowSettings(replan_steps=0))

@@ -1,0 +1,34 @@
+import pytest
+
+from ocplanner.errors import OutputError
+from ocplanner.transfer.journal import Journal
+from ocplanner.transfer.result import Run
+
+RUNS = [Run(10000, True, 150, None, "follower"), Run(10001, False, 400, "time-out", None)]
+
+
+def test_what_was_added_is_there_again(tmp_path):
+    path = tmp_path / "result.json.journal"
+    journal = Journal(path, {"robot": "Sawyer"})
+    for run in RUNS:
+        journal.add(run)
+    assert Journal(path, {"robot": "Sawyer"}).runs == {run.seed: run for run in RUNS}
+
+
+def test_a_line_cut_by_a_kill_is_dropped_and_written_again(tmp_path):
+    path = tmp_path / "result.json.journal"
+    journal = Journal(path, {})
+    for run in RUNS:
+        journal.add(run)
+    path.write_bytes(path.read_bytes()[:-9])
+    journal = Journal(path, {})
+    assert list(journal.runs) == [10000]
+    journal.add(RUNS[1])
+    assert list(Journal(path, {}).runs) == [10000, 10001]
+
+
+def test_another_transfers_journal_is_refused(tmp_path):
+    path = tmp_path / "result.json.journal"
+    Journal(path, {"robot": "Sawyer", "follow": "gated"})
+    with pytest.raises(OutputError, match="another robot"):
+        Journal(path, {"robot": "UR5e", "follow": "gated"})

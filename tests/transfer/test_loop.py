@@ -1,0 +1,82 @@
+"""Transfers of a planner with random weights: it solves nothing, but all the rest must work."""
+
+import json
+
+import pytest
+
+import ocplanner as ocp
+from ocplanner.cli import main
+from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.planner.planner import Planner
+from ocplanner.report.video import read_video
+from ocplanner.transfer.loop import make_scenario
+from ocplanner.transfer.settings import GraspSettings, TransferSettings
+from random_planner import write_random_planner
+
+HASTY = TransferSettings(grasp=GraspSettings(settle_steps=1, approach_steps=2, tries=1))
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    path = tmp_path_factory.mktemp("planner") / "p.safetensors"
+    write_random_planner(path)
+    return Planner.load(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"task": "Lift"}, MismatchError, "plans for the task Square, not Lift"),
+        ({"observe": "full"}, MismatchError, "trained on observe=masked, not full"),
+        ({"robot": "Sawyr"}, UnknownNameError, "known: .*Sawyer"),
+        ({"follow": "blind"}, UnknownNameError, "open-loop"),
+        ({"episodes": 0}, InvalidValueError, "at least 1"),
+        ({"patches": ("no-such",)}, UnknownNameError, "sawyer-base-contact"),
+    ],
+)
+def test_refuses_what_does_not_fit(planner, options, error, message):
+    with pytest.raises(error, match=message):
+        ocp.transfer(planner, **{"episodes": 1, **options})
+
+
+def test_mask_error_needs_masks(tmp_path):
+    path = tmp_path / "p.safetensors"
+    write_random_planner(path, observe="full")
+    with pytest.raises(MismatchError, match="masked"):
+        make_scenario(Planner.load(path), "Sawyer", mask_error=2)
+
+
+def test_patches_are_recorded_and_switchable(planner):
+    assert make_scenario(planner, "Sawyer").patches == ("sawyer-base-contact",)
+    assert make_scenario(planner, "Sawyer", patches=()).patches == ()
+
+
+def test_a_stopped_transfer_goes_on_and_films(planner, tmp_path):
+    out = tmp_path / "transfer.json"
+    played = []
+
+    def stop(run):
+        played.append(run.seed)
+        if len(played) == 2:
+            raise KeyboardInterrupt
+
+    options = {"robot": "Panda", "episodes": 3, "settings": HASTY, "out": out, "videos": 1}
+    with pytest.raises(KeyboardInterrupt):
+        ocp.transfer(planner, on_episode=stop, **options)
+    assert not out.exists()
+    seen = []
+    result = ocp.transfer(planner, on_episode=lambda run: seen.append(run.seed), **options)
+    assert seen == [10000, 10001, 10002]
+    assert json.loads(out.read_text())["episodes"] == 3
+    assert not out.with_name("transfer.json.journal").exists()
+    straight = ocp.transfer(planner, "Panda", episodes=3, settings=HASTY)
+    assert result.runs == straight.runs
+    assert result.failures == {"missed grasp": 3}
+    assert len(read_video(tmp_path / "transfer" / "episode_10000.mp4")) > 5
+
+
+def test_command_line_says_what_is_wrong(planner, capsys):
+    assert main(["transfer", "--planner", str(planner.path), "--robot", "Nobody"]) == 2
+    assert "unknown robot 'Nobody'; known:" in capsys.readouterr().err
+    assert main(["transfer", "--planner", "absent.safetensors"]) == 2
+    assert "absent.safetensors" in capsys.readouterr().err
