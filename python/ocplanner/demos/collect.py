@@ -137,16 +137,28 @@ def record(env: ManipulationEnv, seed: int) -> dict[str, np.ndarray] | None:
             successes.append(env.success())
         rows["states"].append(np.array(env.sim.get_state().flatten()))
         rows["actions"].append(action.copy())
-        seen = env.robosuite_env._get_observations(force_update=True)
-        for name, sensor in _OBSERVATIONS.items():
-            rows[f"obs/{name}"].append(np.array(seen[sensor], dtype=np.float64))
 
     if not demonstrate(env, seed, note):
         return None
     successes.append(env.success())
+    for state in rows["states"]:
+        for name, value in _observe(env, state).items():
+            rows[f"obs/{name}"].append(value)
     arrays = {key: np.stack(values) for key, values in rows.items()}
     rewards = np.array(successes, dtype=np.float64)
     return {**arrays, "rewards": rewards, "dones": (rewards > 0).astype(np.int64)}
+
+
+def _observe(env: ManipulationEnv, state: np.ndarray) -> dict[str, np.ndarray]:
+    """The sensors' readings of a state, as robomimic extracts them.
+
+    While the simulation runs, body poses lag behind the state by a physics step. The sensors are read twice, since
+    robosuite 1.5 computes relative poses from the absolute ones of the reading before.
+    """
+    env.set_state(state)
+    env.robosuite_env._get_observations(force_update=True)
+    seen = env.robosuite_env._get_observations(force_update=True)
+    return {name: np.array(seen[sensor], dtype=np.float64) for name, sensor in _OBSERVATIONS.items()}
 
 
 def _next_attempts(succeeded: set[int], failures: set[int], episodes: int) -> list[int]:

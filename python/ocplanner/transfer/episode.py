@@ -208,5 +208,5 @@ class _Program:
             if np.linalg.norm(now.object.position - goal.position) < 0.03:
                 return "not released"
             return "not aligned"
-        recent = np.array([reading.object.position for reading in self.trace.readings[-40:]])
+        recent = np.array([reading.object.position[:2] for reading in self.trace.readings[-60:]])
         return "stuck in transit" if np.ptp(recent, axis=0).max() < 0.03 else "time-out"

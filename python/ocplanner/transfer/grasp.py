@@ -49,8 +49,8 @@ def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSet
         if not is_held(now, grip_point, settings):
             return None
         if now.eef.position[2] > lifted.position[2] - settings.near:
-            break
-    return now.grip_point
+            return now.grip_point
+    return None
 
 
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
