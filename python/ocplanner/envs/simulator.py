@@ -1,8 +1,12 @@
 """The one place that imports mujoco and robosuite: quietly, and with a clear error where OpenGL is missing."""
 
+import contextlib
+import ctypes
 import importlib
+import importlib.util
 import logging
 import os
+from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import RenderingError
@@ -26,6 +30,22 @@ def rendering_error(cause: object) -> RenderingError:
 def _only_errors(record: logging.LogRecord) -> bool:
     return record.levelno >= logging.ERROR
 
+
+def _load_triton_library() -> None:
+    """Load triton's library, if torch brought it, before OpenGL's.
+
+    Both Mesa's software renderer and triton carry LLVM. A process that draws first and trains later would crash when
+    torch imports triton; in the other order the two live side by side.
+    """
+    spec = importlib.util.find_spec("triton")
+    if spec is None or not spec.submodule_search_locations:
+        return
+    library = Path(next(iter(spec.submodule_search_locations)), "_C", "libtriton.so")
+    with contextlib.suppress(OSError):  # not there, or not for this machine: then torch does not load it either
+        ctypes.CDLL(str(library))
+
+
+_load_triton_library()
 
 # robosuite warns at import about an optional macro file; a filter outlasts the level that it sets itself.
 logging.getLogger("robosuite_logs").addFilter(_only_errors)
