@@ -32,6 +32,8 @@ class Demo:
     """How many demonstrations to collect when there is no data set."""
     episodes: int = 20
     """Zero-shot episodes, seeds 10000 and up."""
+    stages: tuple[int, int, int] | None = None
+    """Steps of the three stages of training; a few are enough to try the plumbing. Default: the cpu preset's."""
     seed: int = 0
     """Seed of collecting and training."""
     workers: int = 2
@@ -60,7 +62,16 @@ class Demo:
         run = self.out / "planner"
         planner = run / "planner.safetensors"
         if not planner.exists():
-            TrainPlanner(data=images, run_folder=run, seed=self.seed, threads=self.workers).run()
+            vae, predictor, finetune = self.stages or (None, None, None)
+            TrainPlanner(
+                data=images,
+                run_folder=run,
+                seed=self.seed,
+                threads=self.workers,
+                vae_steps=vae,
+                predictor_steps=predictor,
+                finetune_steps=finetune,
+            ).run()
 
         console.rule(f"5/6 zero-shot on {self.robot}")
         result = self.out / f"{self.robot.lower()}.json"
