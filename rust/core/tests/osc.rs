@@ -86,9 +86,7 @@ proptest! {
     #[test]
     fn posture_torques_do_not_move_the_end_effector(numbers in prop::collection::vec(-0.3..0.3f64, 40..60)) {
         let mut state = arm(&numbers);
-        for j in 0..7 {
-            state.position[j] = numbers[j];
-        }
+        state.position[..7].copy_from_slice(&numbers[..7]);
         let rest = Goal { position: state.eef.position, rotation: state.eef.rotation };
         let torques = torques(&state, &Site::ORIGIN, ActionFrame::World, &rest, &GAINS, &[0.0; MAX_JOINTS]);
         let inverse = symmetric_inverse(&std::array::from_fn::<[f64; 7], 7, _>(|i| {
