@@ -82,7 +82,7 @@ class Demo:
         transfer.run()
 
         console.rule("6/6 report")
-        Report(paths=(self.out,), out=self.out / "report.html").run()
+        Report(paths=(self.out,), out=self.out / "report.html", data=images).run()
 
 
 COMMAND = Demo
