@@ -271,7 +271,7 @@ class ManipulationEnv:
                 f"a state of {self.task.name} with {self.robot.name} has shape ({length},), not {state.shape}"
             )
         self.sim.set_state_from_flattened(state)
-        self.sim.forward()
+        self._forward()
 
     def place_object(self, pose: Pose, name: str | None = None) -> None:
         """Put an object, at rest, at a pose."""
@@ -281,7 +281,7 @@ class ManipulationEnv:
         self.data.qpos[address : address + 7] = np.concatenate([pose.position, quat])
         first = self.model.jnt_dofadr[joint]
         self.data.qvel[first : first + 6] = 0.0
-        self.sim.forward()
+        self._forward()
 
     def place_eef(
         self, pose: Pose, opening: float | None = None, *, tolerance: float = 1e-3, restarts: int = _RESTARTS
@@ -306,8 +306,13 @@ class ManipulationEnv:
         if opening is not None:
             self._gripper.set_opening(opening)
         self.data.qvel[self._arm.dofs] = 0.0
-        self.sim.forward()
+        self._forward()
         return error
+
+    def _forward(self) -> None:
+        """Follow a state that was set: the first step after a reset else starts where the reset had put the arm."""
+        self.sim.forward()
+        self._robot.part_controllers[self._robot.arms[0]].new_update = True
 
     def close(self) -> None:
         """Free the OpenGL contexts and the simulation."""

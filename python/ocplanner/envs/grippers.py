@@ -31,6 +31,7 @@ class Gripper:
         self._pinned_qpos = np.array(robot._ref_joint_pos_indexes)
         self._pinned_dofs = np.array(robot._ref_joint_vel_indexes)
         self.fingers = tuple(self._geoms(side, (f"{side}_finger", f"{side}_fingerpad")) for side in ("left", "right"))
+        self._is_finger = [np.isin(np.arange(model.ngeom), side) for side in self.fingers]
         self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",)) for side in ("left", "right"))
 
     @property
@@ -45,14 +46,12 @@ class Gripper:
 
     def touches(self, geoms: np.ndarray) -> bool:
         """Whether both sides of the gripper are in contact with any of these geoms."""
-        pairs = self._data.contact.geom[: self._data.ncon]
-        return all(
-            bool(
-                np.any(np.isin(pairs[:, 0], side) & np.isin(pairs[:, 1], geoms))
-                or np.any(np.isin(pairs[:, 1], side) & np.isin(pairs[:, 0], geoms))
-            )
-            for side in self.fingers
-        )
+        pairs = self._data.contact.geom
+        is_object = np.zeros(self._model.ngeom, dtype=bool)
+        is_object[geoms] = True
+        first, second = is_object[pairs].T
+        partners = np.concatenate([pairs[second, 0], pairs[first, 1]])
+        return all(bool(self._is_finger[side][partners].any()) for side in range(2))
 
     @cached_property
     def _stroke(self) -> tuple[np.ndarray, np.ndarray]:

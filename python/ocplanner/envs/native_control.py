@@ -177,8 +177,8 @@ class _Binding:
 
     def begin(self, action: np.ndarray) -> None:
         """The first substep up to the actuators' commands, and what robosuite records at that moment."""
-        arm, gripper, loop = self.arm, self.gripper, self.loop
-        gripper.set_goal(self.robot.gripper["right"].format_action(action[self.gripper_slice]))
+        arm, loop = self.arm, self.loop
+        command = self._gripper_command(action[self.gripper_slice])
         if not arm.new_update:
             # robosuite's controller has measured already, at the reset, and does not measure again.
             velocity, inertia = (
@@ -186,11 +186,23 @@ class _Binding:
                 np.ascontiguousarray(arm.mass_matrix),
             )
             loop.remember(arm.ref_pos, arm.ref_ori_mat, velocity, arm.J_full, inertia, arm.joint_pos, arm.joint_vel)
-        delta, command = arm.scale_action(action[self.arm_slice]), gripper.run_controller()
-        loop.begin(delta, command, arm.kp, arm.kd, arm.initial_joint)
+        loop.begin(arm.scale_action(action[self.arm_slice]), command, arm.kp, arm.kd, arm.initial_joint)
         arm.goal_pos, arm.goal_ori = loop.goal_position, loop.goal_rotation
         self.settle()
         self._record(action)
+
+    def _gripper_command(self, action: np.ndarray) -> np.ndarray:
+        """What ``SimpleGripController`` commands throughout the control step; advances the gripper's hidden state."""
+        gripper = self.gripper
+        goal = self.robot.gripper["right"].format_action(action)
+        if not gripper.use_action_scaling:
+            gripper.goal_qvel = gripper.vels = np.array(goal, dtype=np.float64)
+        else:
+            gripper.goal_qvel = gripper.scale_action(goal)
+            low, high = gripper.actuator_min, gripper.actuator_max
+            gripper.vels = 0.5 * (high + low) + 0.5 * (high - low) * gripper.goal_qvel
+        gripper.new_update = True
+        return gripper.vels
 
     def settle(self) -> None:
         """Leaves in robosuite's controller what it would have measured and computed last."""
