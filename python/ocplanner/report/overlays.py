@@ -50,7 +50,7 @@ def plan_grid(
         for axes in grid[len(images) :]:
             axes.set_axis_off()
         for i, (axes, image) in enumerate(zip(grid, images)):
-            _show(axes, image)
+            show_image(axes, image)
             _path(axes, true[i], ACHIEVED, "true", "o-", 1.6, 1.6)
             _path(axes, planned[i], PLANNED, "planned", "o", 0, 1.9)
             if titles:
@@ -95,7 +95,7 @@ def film_strip(
         for axes in grid:
             axes.set_axis_off()
         for axes, index in zip(grid, chosen):
-            _show(axes, frames[index])
+            show_image(axes, frames[index])
             if titles:
                 axes.set_title(titles[index], fontsize=7.5, fontweight="normal", pad=3)
         if title:
@@ -103,7 +103,12 @@ def film_strip(
     return figure
 
 
-def _show(axes: Axes, image: np.ndarray) -> None:
+def show_image(axes: Axes, image: np.ndarray) -> None:
+    """Fill ``axes`` with an image (h, w, 3) uint8, in its own pixel coordinates and without a frame.
+
+    Raises:
+        ShapeError: the array is no such image.
+    """
     image = np.asarray(image)
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ShapeError(f"image: expected (h, w, 3) uint8, found {image.shape} {image.dtype}")
