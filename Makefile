@@ -63,7 +63,8 @@ test-stubs: setup ## The hand-written _core.pyi against the built module
 	$(BIN)/python -m mypy.stubtest ocplanner._core
 
 test-notebooks: setup ## Run the notebooks on tiny data
-	$(BIN)/pytest --nbmake --nbmake-timeout=600 notebooks
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	  OCPLANNER_NOTEBOOK_TINY=1 OCPLANNER_NOTEBOOK_DATA=$$folder $(BIN)/pytest --nbmake --nbmake-timeout=600 notebooks
 
 lint: setup ## Formatting, lints and types, without changing anything
 	cargo fmt --check
