@@ -80,10 +80,13 @@ class TrainPlanner:
         )
 
     def run(self) -> None:
-        """Train, then print the planner file's path."""
+        """Train, draw the curves into the run folder's report, and print the planner file's path."""
         from ocplanner.planner.train import train_planner
+        from ocplanner.report.page import write_report
 
-        sys.stdout.write(f"{train_planner(self.configuration(), self.data, self.run_folder)}\n")
+        planner = train_planner(self.configuration(), self.data, self.run_folder)
+        write_report([self.run_folder], self.run_folder / "report.html")
+        sys.stdout.write(f"{planner}\n")
 
 
 COMMAND = TrainPlanner

@@ -1,5 +1,6 @@
 """Figures 5, 6 and 7 of the paper from a planner and the data set it was trained on."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,12 +131,18 @@ def _check(config: Mapping[str, Any], demos: Demonstrations) -> None:
 
 
 def _parts(config: Mapping[str, Any], demos: Demonstrations, most: int) -> list[_Part]:
+    """At most so many demonstrations, held-out ones first, without those that training leaves out."""
     names = split(demos, int(config["seed"]))
     parts = []
-    for name in [*names.valid, *names.train][:most]:
+    for name in [*names.valid, *names.train]:
         positions, rotations = demos[name].object_poses(config["object"])
-        segment = manipulation_segment(positions, rotations, demos[name].actions[:, -1])
-        parts.append(_Part(name, segment, positions, rotations))
+        with contextlib.suppress(DatasetError):
+            segment = manipulation_segment(positions, rotations, demos[name].actions[:, -1])
+            parts.append(_Part(name, segment, positions, rotations))
+        if len(parts) == most:
+            break
+    if not parts:
+        raise DatasetError(f"{demos.path}: {config['object']} is manipulated in none of the demonstrations")
     return parts
 
 
