@@ -22,13 +22,14 @@ register()
 
 if TYPE_CHECKING:
     from ocplanner import transfer
-    from ocplanner.demos.dataset import Demonstration, Demonstrations
+    from ocplanner.demos.dataset import Demonstrations
+    from ocplanner.demos.demonstration import Demonstration
     from ocplanner.envs import make_env
     from ocplanner.planner.planner import Plan, Planner
     from ocplanner.pose import Pose
 
 _LAZY = {
-    "Demonstration": "ocplanner.demos.dataset",
+    "Demonstration": "ocplanner.demos.demonstration",
     "Demonstrations": "ocplanner.demos.dataset",
     "Plan": "ocplanner.planner.planner",
     "Planner": "ocplanner.planner.planner",
