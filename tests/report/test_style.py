@@ -31,6 +31,10 @@ def test_a_png_has_the_size_asked_for(tmp_path, figure):
         assert image.size == (480, 320)
 
 
+def test_notebooks_show_a_figure_without_pyplot(figure):
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
 def test_an_unknown_format_is_an_error(tmp_path, figure):
     with pytest.raises(UnknownNameError, match="svg"):
         save_figure(figure, tmp_path / "figure.gif")

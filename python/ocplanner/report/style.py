@@ -77,9 +77,16 @@ def styled() -> AbstractContextManager[None]:
     )
 
 
+class _ShownFigure(Figure):
+    """A figure that notebooks show although it is outside pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return _render(self, "png", salt="")
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of ``width`` by ``height`` inches, laid out without overlaps, outside pyplot's global state."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = _ShownFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
