@@ -67,7 +67,6 @@ class Demo:
                 data=images,
                 run_folder=run,
                 seed=self.seed,
-                threads=self.workers,
                 vae_steps=vae,
                 predictor_steps=predictor,
                 finetune_steps=finetune,
