@@ -15,7 +15,7 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 WORKERS ?= 2
 
-.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench bench-sim clean
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench clean
 
 help: ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -78,10 +78,7 @@ format: setup ## Format the sources and apply the safe lint fixes
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: setup ## Measure the core against torch, onnxruntime and OpenVINO; writes results/bench_core.json
-	$(BIN)/python tests/benchmarks/bench_core.py
-
-bench-sim: setup ## Measure control steps against stock robosuite; writes results/bench_sim.json
+bench: setup ## Measure control steps against stock robosuite; writes results/bench_sim.json
 	$(BIN)/python tests/benchmarks/bench_sim.py
 
 clean: ## Remove everything that is built
