@@ -6,6 +6,27 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "ControlLoop",
+    "DeltaPoseController",
+    "DeltaPoseLaw",
+    "PlannerEngine",
+    "compose_poses",
+    "delta_pose_action",
+    "delta_pose_actions",
+    "geodesic_angle",
+    "invert_pose",
+    "quat_wxyz_from_rotation",
+    "quat_xyzw_from_rotation",
+    "rotation_exp",
+    "rotation_from_6d",
+    "rotation_from_quat_wxyz",
+    "rotation_from_quat_xyzw",
+    "rotation_log",
+    "rotation_to_6d",
+    "simd_level",
+]
+
 _F64: TypeAlias = NDArray[np.float64]
 _Pose: TypeAlias = tuple[_F64, _F64]
 
@@ -47,6 +68,7 @@ def compose_poses(pose_a_b: _Pose, pose_b_c: _Pose) -> _Pose:
 def invert_pose(pose_a_b: _Pose) -> _Pose:
     """``pose_b_a``."""
 
+@final
 class PlannerEngine:
     """Forward pass of a planner file; safe to call from several threads at once."""
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from safetensors.numpy import save_file
+from safetensors.numpy import load_file, save_file
 
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError, UnknownNameError
 from ocplanner.planner.planner import Plan, Planner
@@ -329,3 +329,16 @@ def test_mutated_files_load_or_are_refused(tmp_path_factory: pytest.TempPathFact
     except PlannerFileError:
         return
     json.dumps(dict(planner.config))
+
+
+TRAINED = sorted((Path(__file__).parents[2] / "results" / "planners").glob("*.safetensors"))
+
+
+@pytest.mark.parametrize("path", TRAINED, ids=lambda path: path.stem)
+def test_agrees_with_torch_on_trained_weights(path: Path) -> None:
+    planner = Planner.load(path)
+    check(planner, dict(planner.config), load_file(path), batch=19)
+
+
+def test_there_are_trained_planners() -> None:
+    assert TRAINED
