@@ -84,13 +84,17 @@ class PlannerEngine:
         """The file's whole configuration."""
 
     def plan(
-        self, images: list[NDArray[np.uint8]], all_modes: bool = False, threads: int = 1
+        self, images: list[NDArray[np.uint8]], all_modes: bool = False, threads: int = 1, steps: int | None = None
     ) -> tuple[_F64, _F64 | None, _F64]:
         """Plan from one (B, size, size, 3) uint8 array per camera, in the configuration's order.
 
         Returns:
             positions (B, H, 3) in m, rotations (B, H, 3, 3) or None, probabilities (B,); with ``all_modes`` each has
-            a second axis of modes.
+            a second axis of modes; with ``steps`` H is that, and no more is decoded.
+
+        Raises:
+            InvalidValueError: ``steps`` is zero or beyond the planner's horizon.
+            ShapeError: an array has the wrong shape, dtype or memory order.
         """
 
     def encode(self, images: list[NDArray[np.uint8]], threads: int = 1) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load_file, save_file
 
-from ocplanner.errors import MismatchError, PlannerFileError, ShapeError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, PlannerFileError, ShapeError, UnknownNameError
 from ocplanner.planner.planner import Plan, Planner
 from random_planner import planner_config, random_images, random_tensors, write_planner, write_random_planner
 from torch_reference import reference
@@ -171,6 +171,29 @@ def test_batches_and_threads_do_not_change_plans(tmp_path: Path, batch: int) -> 
     for i in range(batch):
         single = planner.plan({name: array[i : i + 1] for name, array in images.items()})
         np.testing.assert_allclose(single.position[0], whole.position[i], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("outputs", ["pose", "position"])
+@pytest.mark.parametrize("steps", [1, 2, 6])
+def test_the_first_steps_do_not_need_the_rest(tmp_path: Path, outputs: str, steps: int) -> None:
+    config = write_random_planner(tmp_path / "p.safetensors", outputs=outputs, horizon=6)
+    planner = Planner.load(tmp_path / "p.safetensors")
+    images = random_images(config, 18)
+    whole, first = planner.plan(images), planner.plan(images, steps=steps)
+    assert first.position.shape == (18, steps, 3)
+    np.testing.assert_allclose(first.position, whole.position[:, :steps], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(first.probability, whole.probability, rtol=0, atol=1e-6)
+    if whole.rotation is None:
+        assert first.rotation is None
+    else:
+        np.testing.assert_allclose(first.rotation, whole.rotation[:, :steps], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("steps", [0, 7])
+def test_steps_beyond_the_horizon_are_an_error(tmp_path: Path, steps: int) -> None:
+    config = write_random_planner(tmp_path / "p.safetensors", horizon=6)
+    with pytest.raises(InvalidValueError, match=f"{steps} of 6 steps is not between 1 and the planner's horizon"):
+        Planner.load(tmp_path / "p.safetensors").plan(random_images(config, 1), steps=steps)
 
 
 def test_threads_may_share_a_planner(tmp_path: Path) -> None:

@@ -31,14 +31,21 @@ class Plan(NamedTuple):
 
 
 class Planner:
-    """A planner file, loaded. Safe to share between threads: calls release the GIL and run at the same time."""
+    """A planner file, loaded. Safe to share between threads: calls release the GIL and run at the same time.
+
+    Attributes:
+        path: the file.
+        sha256: its hash.
+        engine: the native planner, for what takes one.
+        config: the file's whole configuration.
+    """
 
     def __init__(self, path: Path, data: bytes, storage: Literal["f32", "bf16"]) -> None:
         """Use :meth:`load`."""
         self.path = path
         self.sha256 = hashlib.sha256(data).hexdigest()
-        self._engine = _core.PlannerEngine(data, storage)
-        self.config: Mapping[str, Any] = MappingProxyType(json.loads(self._engine.config_json))
+        self.engine = _core.PlannerEngine(data, storage)
+        self.config: Mapping[str, Any] = MappingProxyType(json.loads(self.engine.config_json))
         self._cameras: tuple[str, ...] = tuple(self.config["cameras"])
 
     @classmethod
@@ -61,29 +68,32 @@ class Planner:
         except PlannerFileError as error:
             raise PlannerFileError(f"{path}: {error}") from None
 
-    def plan(self, images: Images, threads: int = 1) -> Plan:
+    def plan(self, images: Images, threads: int = 1, steps: int | None = None) -> Plan:
         """Plan with the most probable mode of each image.
 
         Args:
             images: camera name -> (B, h, w, 3) uint8 RGB, upright, C-contiguous; cameras that the planner does not
                 use are ignored.
             threads: threads to deal a batch out to; the plans depend on it only by rounding.
+            steps: plan only so many steps of the H, which costs less.
 
         Raises:
+            InvalidValueError: ``steps`` is zero or more than H.
             MismatchError: a camera is missing.
             ShapeError: an array has the wrong shape, dtype or memory order.
         """
-        return Plan(*self._engine.plan(self._arrays(images), False, threads))
+        return Plan(*self.engine.plan(self.arrays(images), False, threads, steps))
 
     def plan_modes(self, images: Images, threads: int = 1) -> Plan:
         """Plan with every mode, in the network's order: the arrays get a second axis M. Otherwise as :meth:`plan`."""
-        return Plan(*self._engine.plan(self._arrays(images), True, threads))
+        return Plan(*self.engine.plan(self.arrays(images), True, threads))
 
     def encode(self, images: Images, threads: int = 1) -> NDArray[np.float32]:
         """Latent means (B, latent) of the most probable mode of each image. Raises as :meth:`plan`."""
-        return self._engine.encode(self._arrays(images), threads)
+        return self.engine.encode(self.arrays(images), threads)
 
-    def _arrays(self, images: Images) -> list[NDArray[np.uint8]]:
+    def arrays(self, images: Images) -> list[NDArray[np.uint8]]:
+        """The images of the planner's cameras in the engine's order. Raises MismatchError if a camera is missing."""
         missing = [camera for camera in self._cameras if camera not in images]
         if missing:
             raise MismatchError(

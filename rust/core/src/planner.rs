@@ -209,12 +209,36 @@ impl Planner {
     /// [`Error::Shape`] if a slice has another length; [`Error::Value`] if the network's numbers overflow or are no
     /// rotation.
     pub fn plan(&self, images: &[&[u8]], batch: usize, modes: Modes, threads: usize, plans: &mut Plans) -> Result<()> {
+        self.plan_steps(images, batch, modes, self.config.horizon, threads, plans)
+    }
+
+    /// As [`Planner::plan`], but only the first `horizon` steps of each plan, for that much less decoding.
+    ///
+    /// # Errors
+    /// As [`Planner::plan`]; [`Error::Value`] if `horizon` is zero or beyond the planner's own.
+    pub fn plan_steps(
+        &self,
+        images: &[&[u8]],
+        batch: usize,
+        modes: Modes,
+        horizon: usize,
+        threads: usize,
+        plans: &mut Plans,
+    ) -> Result<()> {
         self.check_images(images, batch)?;
+        if !(1..=self.config.horizon).contains(&horizon) {
+            let found = format!("{horizon} of {} steps", self.config.horizon);
+            return Err(Error::Value {
+                what: "steps of a plan",
+                found,
+                expected: "between 1 and the planner's horizon",
+            });
+        }
         let per_image = match modes {
             Modes::Best => 1,
             Modes::All => self.config.modes,
         };
-        let steps = per_image * self.config.horizon;
+        let steps = per_image * horizon;
         let rotation = match self.config.outputs {
             Outputs::Pose => 9 * steps,
             Outputs::Position => 0,
@@ -234,7 +258,7 @@ impl Planner {
             whole.probability = rest;
             let images: Vec<&[u8]> = images.iter().map(|all| &all[work.start * size..work.end * size]).collect();
             let mut part = Part { position, rotation, probability };
-            move |workspace: &mut Workspace| self.plan_part(&images, work.len(), modes, workspace, &mut part)
+            move |workspace: &mut Workspace| self.plan_part(&images, work.len(), modes, horizon, workspace, &mut part)
         })
     }
 
@@ -269,7 +293,11 @@ impl Planner {
         })
     }
 
-    fn check_images(&self, images: &[&[u8]], batch: usize) -> Result<()> {
+    /// Whether there is one slice of `batch` images per camera.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if not.
+    pub(crate) fn check_images(&self, images: &[&[u8]], batch: usize) -> Result<()> {
         if images.len() != self.encoders.len() {
             return Err(Error::Shape {
                 what: "images",
@@ -357,6 +385,7 @@ impl Planner {
         images: &[&[u8]],
         batch: usize,
         modes: Modes,
+        horizon: usize,
         workspace: &mut Workspace,
         part: &mut Part<'_>,
     ) -> Result<()> {
@@ -386,8 +415,8 @@ impl Planner {
                         probability(config, row, mode);
                 }
             }
-            let decoded = self.decoder.run(chosen.len(), &latents, latent_stride, &mut workspace.decoder);
-            let first_step = start * per_image * config.horizon;
+            let decoded = self.decoder.run(chosen.len(), horizon, &latents, latent_stride, &mut workspace.decoder);
+            let first_step = start * per_image * horizon;
             let result = self.write_steps(decoded, first_step, part);
             (workspace.latents, workspace.chosen) = (latents, chosen);
             result?;
@@ -493,7 +522,6 @@ fn load_decoder(level: Level, storage: Storage, config: &PlannerConfig, file: &m
         head: (&head.0, &head.1),
         latent,
         hidden,
-        horizon: config.horizon,
     };
     Ok(Decoder::new(level, storage, &weights))
 }

@@ -38,3 +38,18 @@ pub fn view<'py, T: Element>(
     }
     array.try_readonly().map_err(|_| shape_error(py, format!("{what}: the array is being written elsewhere")))
 }
+
+/// As [`view`], of an array with exactly one axis before the trailing ones.
+pub fn view_rows<'py, T: Element>(
+    what: &str,
+    value: &Bound<'py, PyAny>,
+    shape: &str,
+    trailing: &[usize],
+) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    let array = view::<T>(what, value, shape, trailing)?;
+    if array.ndim() != trailing.len() + 1 {
+        let message = format!("{what}: expected shape {shape}, found {:?}", array.shape());
+        return Err(shape_error(value.py(), message));
+    }
+    Ok(array)
+}

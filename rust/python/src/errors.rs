@@ -25,3 +25,12 @@ pub fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
         Err(import_error) => import_error,
     }
 }
+
+/// An `UnknownNameError` that lists the names there are.
+pub fn unknown_name(py: Python<'_>, kind: &str, name: &str, known: &[&str]) -> PyErr {
+    let class = py.import("ocplanner.errors").and_then(|module| module.getattr("UnknownNameError"));
+    match class.and_then(|class| class.call1((kind, name, known.to_vec()))) {
+        Ok(exception) => PyErr::from_value(exception),
+        Err(import_error) => import_error,
+    }
+}

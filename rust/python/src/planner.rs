@@ -7,12 +7,12 @@ use ocplanner_core::planner::{self as core, Modes, Outputs, Plans};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::arrays::view;
-use crate::errors::{shape_error, to_python};
+use crate::arrays::view_rows;
+use crate::errors::{shape_error, to_python, unknown_name};
 
 /// The engine behind `ocplanner.Planner`.
 #[pyclass(frozen, module = "ocplanner._core")]
-struct PlannerEngine(core::Planner);
+pub struct PlannerEngine(pub core::Planner);
 
 type Arrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Option<Bound<'py, PyArrayDyn<f64>>>, Bound<'py, PyArrayDyn<f64>>);
 
@@ -25,7 +25,7 @@ impl PlannerEngine {
         let storage = match storage {
             "f32" => Storage::F32,
             "bf16" => Storage::Bf16,
-            _ => return Err(unknown(py, "storage", storage, &["f32", "bf16"])),
+            _ => return Err(unknown_name(py, "storage", storage, &["f32", "bf16"])),
         };
         let bytes = data.as_bytes();
         let loaded = py.detach(|| core::Planner::load(bytes, storage, Level::detect()));
@@ -38,32 +38,33 @@ impl PlannerEngine {
         self.0.config_json()
     }
 
-    /// Plans of the most probable mode, or of all modes with `all_modes`: positions, rotations or None, probabilities.
-    #[pyo3(signature = (images, all_modes=false, threads=1))]
+    /// Plans of the most probable mode, or of all modes with `all_modes`: positions, rotations or None, probabilities;
+    /// only their first `steps`, if given.
+    #[pyo3(signature = (images, all_modes=false, threads=1, steps=None))]
     fn plan<'py>(
         &self,
         py: Python<'py>,
         images: Vec<Bound<'py, PyAny>>,
         all_modes: bool,
         threads: usize,
+        steps: Option<usize>,
     ) -> PyResult<Arrays<'py>> {
         let (views, batch) = self.views(py, &images)?;
         let slices = slices(&views)?;
         let modes = if all_modes { Modes::All } else { Modes::Best };
-        let mut plans = Plans::default();
-        py.detach(|| self.0.plan(&slices, batch, modes, threads, &mut plans)).map_err(|error| to_python(py, &error))?;
         let config = self.0.config();
+        let horizon = steps.unwrap_or(config.horizon);
+        let mut plans = Plans::default();
+        py.detach(|| self.0.plan_steps(&slices, batch, modes, horizon, threads, &mut plans))
+            .map_err(|error| to_python(py, &error))?;
         let leading = if all_modes { vec![batch, config.modes] } else { vec![batch] };
         let shaped = |values: Vec<f64>, trailing: &[usize]| {
             let shape = [leading.as_slice(), trailing].concat();
             let array = ArrayD::from_shape_vec(IxDyn(&shape), values);
             array.map(|array| array.into_pyarray(py)).map_err(|error| shape_error(py, error.to_string()))
         };
-        let position = shaped(plans.position, &[config.horizon, 3])?;
-        let rotation = match config.outputs {
-            Outputs::Pose => Some(shaped(plans.rotation, &[config.horizon, 3, 3])?),
-            Outputs::Position => None,
-        };
+        let position = shaped(plans.position, &[horizon, 3])?;
+        let rotation = if self.plans_rotations() { Some(shaped(plans.rotation, &[horizon, 3, 3])?) } else { None };
         Ok((position, rotation, shaped(plans.probability, &[])?))
     }
 
@@ -84,10 +85,12 @@ impl PlannerEngine {
     }
 }
 
-type Views<'py> = Vec<PyReadonlyArrayDyn<'py, u8>>;
+/// Checked images, one array per camera.
+pub type Views<'py> = Vec<PyReadonlyArrayDyn<'py, u8>>;
 
 impl PlannerEngine {
-    fn views<'py>(&self, py: Python<'py>, images: &[Bound<'py, PyAny>]) -> PyResult<(Views<'py>, usize)> {
+    /// Views of one array of images per camera, all of the same length, and that length.
+    pub fn views<'py>(&self, py: Python<'py>, images: &[Bound<'py, PyAny>]) -> PyResult<(Views<'py>, usize)> {
         let config = self.0.config();
         if images.len() != config.cameras.len() {
             let message =
@@ -99,11 +102,8 @@ impl PlannerEngine {
         for (image, camera) in images.iter().zip(&config.cameras) {
             let name = format!("images[{camera:?}]");
             let shape = format!("(B, {size}, {size}, 3)");
-            let array = view::<u8>(&name, image, &shape, &[size, size, 3])?;
+            let array = view_rows::<u8>(&name, image, &shape, &[size, size, 3])?;
             let found = array.shape();
-            if found.len() != 4 {
-                return Err(shape_error(py, format!("{name}: expected shape {shape}, found {found:?}")));
-            }
             if let Some(first) = views.first().filter(|first| first.shape()[0] != found[0]) {
                 let other = &config.cameras[0];
                 let message = format!("{name}: {} images, but {other} has {}", found[0], first.shape()[0]);
@@ -114,18 +114,16 @@ impl PlannerEngine {
         let batch = views.first().map_or(0, |first| first.shape()[0]);
         Ok((views, batch))
     }
-}
 
-fn slices<'a>(views: &'a Views<'_>) -> PyResult<Vec<&'a [u8]>> {
-    views.iter().map(|array| array.as_slice().map_err(PyErr::from)).collect()
-}
-
-fn unknown(py: Python<'_>, kind: &str, name: &str, known: &[&str]) -> PyErr {
-    let class = py.import("ocplanner.errors").and_then(|module| module.getattr("UnknownNameError"));
-    match class.and_then(|class| class.call1((kind, name, known.to_vec()))) {
-        Ok(exception) => PyErr::from_value(exception),
-        Err(import_error) => import_error,
+    /// Whether plans have rotations.
+    pub fn plans_rotations(&self) -> bool {
+        self.0.config().outputs == Outputs::Pose
     }
+}
+
+/// The numbers of each view.
+pub fn slices<'a>(views: &'a Views<'_>) -> PyResult<Vec<&'a [u8]>> {
+    views.iter().map(|array| array.as_slice().map_err(PyErr::from)).collect()
 }
 
 /// Name of the instruction set that the engine uses: "avx512", "avx2" or "portable".

@@ -3,7 +3,7 @@
 use super::kernels::{Buffer, Level, LstmStep, Storage, lstm_step, padded, tanh_in_place};
 use super::linear::Linear;
 
-/// Decoder of latents to `horizon` steps of `outputs` numbers.
+/// Decoder of latents to any number of steps of `outputs` numbers.
 #[derive(Debug)]
 pub struct Decoder {
     level: Level,
@@ -12,7 +12,6 @@ pub struct Decoder {
     recurrent: Buffer,
     head: Linear,
     hidden: usize,
-    horizon: usize,
 }
 
 /// Weights of a decoder in the layouts of torch.
@@ -32,8 +31,6 @@ pub struct DecoderWeights<'a> {
     pub latent: usize,
     /// Units.
     pub hidden: usize,
-    /// Steps.
-    pub horizon: usize,
 }
 
 /// Memory of a decoder, reused between calls.
@@ -50,7 +47,7 @@ impl Decoder {
     /// Packs the weights; the state weights are f32 whatever the storage, since they are used once per step.
     #[must_use]
     pub fn new(level: Level, storage: Storage, weights: &DecoderWeights<'_>) -> Self {
-        let DecoderWeights { latent, hidden, horizon, .. } = *weights;
+        let DecoderWeights { latent, hidden, .. } = *weights;
         let (stored, lanes) = (padded(hidden), level.lanes());
         let place = |column: usize| {
             // Stored order is [unit block][gate][lane].
@@ -101,7 +98,7 @@ impl Decoder {
             weights.head.1,
             false,
         );
-        Self { level, start, from_latent, recurrent, head, hidden: stored, horizon }
+        Self { level, start, from_latent, recurrent, head, hidden: stored }
     }
 
     /// Numbers between two steps of a decoded row.
@@ -110,17 +107,18 @@ impl Decoder {
         self.head.outputs()
     }
 
-    /// Decodes rows of latents (padded, `latent_stride` apart) to `[row][step][step_stride]`.
+    /// Decodes the first steps of rows of latents (padded, `latent_stride` apart) to `[row][step][step_stride]`.
     pub fn run<'a>(
         &self,
         rows: usize,
+        steps: usize,
         latents: &[f32],
         latent_stride: usize,
         workspace: &'a mut DecoderWorkspace,
     ) -> &'a [f32] {
-        let (hidden, horizon) = (self.hidden, self.horizon);
-        let stride = (horizon + 1) * hidden;
-        let outputs = rows * horizon * self.step_stride();
+        let hidden = self.hidden;
+        let stride = (steps + 1) * hidden;
+        let outputs = rows * steps * self.step_stride();
         workspace.first.grow(rows * 2 * hidden);
         workspace.constant.grow(rows * 4 * hidden);
         workspace.states.grow(rows * stride);
@@ -133,7 +131,7 @@ impl Decoder {
             workspace.states[row * stride..row * stride + hidden].copy_from_slice(&first[..hidden]);
             workspace.cells[row * hidden..(row + 1) * hidden].copy_from_slice(&first[hidden..]);
         }
-        for step in 0..horizon {
+        for step in 0..steps {
             lstm_step(
                 self.level,
                 &mut LstmStep {
@@ -151,8 +149,8 @@ impl Decoder {
         }
         for row in 0..rows {
             let states = &workspace.states[row * stride + hidden..(row + 1) * stride];
-            let to = &mut workspace.outputs[row * horizon * self.step_stride()..];
-            self.head.run(horizon, states, hidden, to, self.step_stride());
+            let to = &mut workspace.outputs[row * steps * self.step_stride()..];
+            self.head.run(steps, states, hidden, to, self.step_stride());
         }
         &workspace.outputs[..outputs]
     }
