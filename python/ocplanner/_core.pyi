@@ -11,6 +11,7 @@ __all__ = [
     "DeltaPoseController",
     "DeltaPoseLaw",
     "PlannerEngine",
+    "RewardLaw",
     "compose_poses",
     "delta_pose_action",
     "delta_pose_actions",
@@ -29,6 +30,8 @@ __all__ = [
 
 _F64: TypeAlias = NDArray[np.float64]
 _Pose: TypeAlias = tuple[_F64, _F64]
+_Poses: TypeAlias = tuple[_F64, _F64 | None]
+_Terms: TypeAlias = tuple[_F64, _F64 | None, _F64]
 
 def rotation_from_6d(rot6d: _F64) -> _F64:
     """(..., 6) columns a1, a2 (Zhou et al. 2019) -> (..., 3, 3) rotations.
@@ -99,6 +102,62 @@ class PlannerEngine:
 
     def encode(self, images: list[NDArray[np.uint8]], threads: int = 1) -> NDArray[np.float32]:
         """Latent means (B, latent) of the most probable modes."""
+
+@final
+class RewardLaw:
+    """Reward of an episode's transitions by E = a |p' - p|^2 + b |r' - r|^2, from where the plan wanted the object.
+
+    p is a position in m; r are the first two columns of a rotation matrix. ``form`` is ``"penalty"`` (-E),
+    ``"literal"`` (+E, as the paper prints it), ``"exp"`` (exp(-E / ``scale``)) or ``"potential"`` (shaping by the
+    potential -E, with discount ``gamma``).
+
+    Raises:
+        InvalidValueError: a weight is negative, or the form's scale or discount is outside its range.
+        UnknownNameError: an unknown form.
+    """
+
+    def __new__(
+        cls,
+        form: str = "penalty",
+        *,
+        weight_position: float = 0.003,
+        weight_rotation: float = 0.003,
+        scale: float = 2.5e-4,
+        gamma: float = 0.99,
+    ) -> RewardLaw: ...
+    def rewards(
+        self, planned: _Poses, achieved: _Poses, grasping: NDArray[np.bool_], *, terminal: bool = True
+    ) -> _Terms:
+        """Position term (T,) in m^2, rotation term (T,) or None, both unweighted, and reward (T,).
+
+        Args:
+            planned: ((T, 3), (T, 3, 3) or None) m'_{t+1}, world frame, m.
+            achieved: m_{t+1} likewise.
+            grasping: (T,), whether the object is held.
+            terminal: the last transition ends the episode for good.
+
+        Raises:
+            InvalidValueError: a number is not finite, a matrix is no rotation, or a reward overflows.
+            ShapeError: wrong shape, dtype or memory order.
+        """
+
+    def label(
+        self,
+        planner: PlannerEngine,
+        images: list[NDArray[np.uint8]],
+        achieved: _Poses,
+        grasping: NDArray[np.bool_],
+        *,
+        step: int = 0,
+        terminal: bool = True,
+        threads: int = 1,
+    ) -> _Terms:
+        """As :meth:`rewards`, with step ``step`` of the plans made from (T, size, size, 3) images where grasping.
+
+        Raises:
+            InvalidValueError: as :meth:`rewards`; ``step`` is beyond the plan or, for a potential, not 0.
+            ShapeError: wrong shape, dtype or memory order.
+        """
 
 def simd_level() -> Literal["avx512", "avx2", "portable"]:
     """The instruction set in use; ``OCPLANNER_SIMD`` asks for a lower one before the first planner is loaded."""

@@ -9,4 +9,5 @@ pub mod nn;
 pub mod osc;
 pub mod planner;
 pub mod pose;
+pub mod reward;
 pub mod weights;

@@ -7,6 +7,7 @@ mod delta_pose;
 mod errors;
 mod planner;
 mod pose;
+mod reward;
 mod simulation;
 
 #[pymodule]
@@ -18,6 +19,7 @@ mod _core {
         pose::register(module)?;
         planner::register(module)?;
         delta_pose::register(module)?;
+        reward::register(module)?;
         simulation::register(module)
     }
 }

@@ -1,0 +1,122 @@
+//! Bindings of `ocplanner_core::reward`.
+
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
+use ocplanner_core::reward::{self as core, Episode, Form, Poses, Rewards};
+use pyo3::prelude::*;
+
+use crate::arrays::view_rows;
+use crate::errors::{shape_error, to_python, unknown_name};
+use crate::planner::{PlannerEngine, slices};
+
+type PoseArrays<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+type Terms<'py> = (Bound<'py, PyArray1<f64>>, Option<Bound<'py, PyArray1<f64>>>, Bound<'py, PyArray1<f64>>);
+
+/// Checked views of poses, as the core reads them.
+struct PoseViews<'py> {
+    position: PyReadonlyArrayDyn<'py, f64>,
+    rotation: Option<PyReadonlyArrayDyn<'py, f64>>,
+}
+
+impl<'py> PoseViews<'py> {
+    fn new(what: &str, (position, rotation): &PoseArrays<'py>) -> PyResult<Self> {
+        let position = view_rows::<f64>(&format!("{what} position"), position, "(T, 3)", &[3])?;
+        let name = format!("{what} rotation");
+        let rotation = rotation.as_ref().map(|array| view_rows::<f64>(&name, array, "(T, 3, 3)", &[3, 3]));
+        Ok(Self { position, rotation: rotation.transpose()? })
+    }
+
+    fn poses(&self) -> PyResult<Poses<'_>> {
+        let rotation = match &self.rotation {
+            Some(array) => Some(array.as_slice()?.as_chunks::<3>().0.as_chunks::<3>().0),
+            None => None,
+        };
+        Ok(Poses { position: self.position.as_slice()?.as_chunks::<3>().0, rotation })
+    }
+}
+
+/// Weights and form of the reward; see the stub for units.
+#[pyclass(frozen, module = "ocplanner._core")]
+struct RewardLaw(core::RewardLaw);
+
+#[pymethods]
+impl RewardLaw {
+    #[new]
+    #[pyo3(signature = (form="penalty", *, weight_position=0.003, weight_rotation=0.003, scale=2.5e-4, gamma=0.99))]
+    fn new(
+        py: Python<'_>,
+        form: &str,
+        weight_position: f64,
+        weight_rotation: f64,
+        scale: f64,
+        gamma: f64,
+    ) -> PyResult<Self> {
+        let form = match form {
+            "penalty" => Form::Penalty,
+            "literal" => Form::Literal,
+            "exp" => Form::Exp { scale },
+            "potential" => Form::Potential { gamma },
+            _ => return Err(unknown_name(py, "reward form", form, &["penalty", "literal", "exp", "potential"])),
+        };
+        let law = core::RewardLaw { weight_position, weight_rotation, form };
+        law.validate().map(Self).map_err(|error| to_python(py, &error))
+    }
+
+    /// Terms and rewards of an episode whose plans are at hand.
+    #[pyo3(signature = (planned, achieved, grasping, *, terminal=true))]
+    fn rewards<'py>(
+        &self,
+        py: Python<'py>,
+        planned: PoseArrays<'py>,
+        achieved: PoseArrays<'py>,
+        grasping: &Bound<'py, PyAny>,
+        terminal: bool,
+    ) -> PyResult<Terms<'py>> {
+        let (planned, achieved) = (PoseViews::new("planned", &planned)?, PoseViews::new("achieved", &achieved)?);
+        let grasping = view_rows::<bool>("grasping", grasping, "(T,)", &[])?;
+        let (planned, achieved, grasping) = (planned.poses()?, achieved.poses()?, grasping.as_slice()?);
+        let mut rewards = Rewards::default();
+        py.detach(|| self.0.rewards(planned, achieved, grasping, terminal, &mut rewards))
+            .map_err(|error| to_python(py, &error))?;
+        Ok(terms(py, rewards, planned.rotation.is_some()))
+    }
+
+    /// Terms and rewards of an episode that a planner sees.
+    #[pyo3(signature = (planner, images, achieved, grasping, *, step=0, terminal=true, threads=1))]
+    #[expect(clippy::too_many_arguments, reason = "the last three are keyword-only, each with a default")]
+    fn label<'py>(
+        &self,
+        py: Python<'py>,
+        planner: &PlannerEngine,
+        images: Vec<Bound<'py, PyAny>>,
+        achieved: PoseArrays<'py>,
+        grasping: &Bound<'py, PyAny>,
+        step: usize,
+        terminal: bool,
+        threads: usize,
+    ) -> PyResult<Terms<'py>> {
+        let (views, batch) = planner.views(py, &images)?;
+        let images = slices(&views)?;
+        let achieved = PoseViews::new("achieved", &achieved)?;
+        let grasping = view_rows::<bool>("grasping", grasping, "(T,)", &[])?;
+        let (achieved, grasping) = (achieved.poses()?, grasping.as_slice()?);
+        if grasping.len() != batch {
+            let message = format!("grasping: {} flags, but there are {batch} images", grasping.len());
+            return Err(shape_error(py, message));
+        }
+        let episode = Episode { images: &images, achieved, grasping, terminal };
+        let mut rewards = Rewards::default();
+        py.detach(|| self.0.label(&planner.0, &episode, step, threads, &mut rewards))
+            .map_err(|error| to_python(py, &error))?;
+        Ok(terms(py, rewards, planner.plans_rotations()))
+    }
+}
+
+fn terms(py: Python<'_>, rewards: Rewards, with_rotation: bool) -> Terms<'_> {
+    let rotation = with_rotation.then(|| rewards.rotation.into_pyarray(py));
+    (rewards.position.into_pyarray(py), rotation, rewards.reward.into_pyarray(py))
+}
+
+/// Adds this file's class to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<RewardLaw>()
+}
