@@ -14,6 +14,14 @@ def test_every_chart_is_written(tmp_path, frames, write_run, write_result):
     assert all(path.stat().st_size > 1000 for path in written)
 
 
+def test_episodes_of_one_seed_on_two_arms_keep_a_strip_each(tmp_path, frames):
+    for arm in ("sawyer", "ur5e"):
+        write_video(tmp_path / arm / "episode_10000.mp4", frames if arm == "sawyer" else frames[::-1])
+    one, other = write_figures(find_sources([tmp_path]), tmp_path / "charts")
+    assert [one.name, other.name] == ["film_strip_sawyer_episode_10000.png", "film_strip_ur5e_episode_10000.png"]
+    assert one.read_bytes() != other.read_bytes()
+
+
 def test_only_what_is_there_is_drawn(tmp_path, write_run):
     written = write_figures(find_sources([write_run("h5")]), tmp_path / "charts")
     assert {path.stem for path in written} == {"loss_curves", "error_curves"}

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from ocplanner.report.names import distinct_names
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.plots import error_curves, failure_matrix, loss_curves, success_rates
 from ocplanner.report.results import group_results
@@ -28,7 +29,7 @@ def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
         save_figure(figure, folder / f"{name}.{kind}") for name, figure in charts.items() for kind in ("svg", "png")
     ]
     written += [
-        save_figure(film_strip(list(read_video(path))), folder / f"film_strip_{path.stem}.png")
-        for path in sources.videos
+        save_figure(film_strip(list(read_video(path))), folder / f"film_strip_{name}.png")
+        for path, name in zip(sources.videos, distinct_names(sources.videos))
     ]
     return written
