@@ -17,6 +17,15 @@ def test_the_plan_is_red_and_what_was_achieved_is_cyan():
     assert (GREY == 128).all()
 
 
+def test_a_plan_of_few_steps_stands_out_as_one_of_many_does():
+    def red(steps: int) -> int:
+        image = draw_paths(GREY, np.linspace([150.0, 160.0], [150.0 + 0.8 * steps, 160.0], steps), None).astype(int)
+        return int((image[..., 0] - image[..., 1] > 150).sum())
+
+    assert red(5) > 50
+    assert red(5) > 0.5 * red(20)
+
+
 @pytest.mark.parametrize("pixels", [None, np.zeros((0, 2)), np.full((3, 2), np.nan)])
 def test_nothing_to_draw_leaves_the_image_as_it_is(pixels):
     np.testing.assert_array_equal(draw_paths(GREY, pixels, pixels), GREY)

@@ -18,6 +18,22 @@ def test_the_grid_draws_plan_and_truth_over_each_image():
         assert axes.get_ylim() == (20, 0)
 
 
+def test_short_plans_are_seen_closer_and_with_larger_dots():
+    image = np.zeros((500, 500, 3), dtype=np.uint8)
+    short = [np.linspace([40, 250], [48, 254], 5), np.linspace([300, 300], [320, 340], 5)]
+    long = [np.linspace([40, 250], [400, 254], 50)] * 2
+    near = plan_grid([image] * 2, short, short).axes
+    far = plan_grid([image] * 2, long, long).axes
+    for axes, path in zip(near, short):
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert (right - left, bottom - top) == pytest.approx((150, 150))
+        assert left >= 0
+        assert left <= path[:, 0].min() <= path[:, 0].max() <= right
+        assert top <= path[:, 1].min() <= path[:, 1].max() <= bottom
+    assert far[0].get_xlim() == (0, 500)
+    assert near[0].lines[1].get_markersize() > 1.5 * far[0].lines[1].get_markersize()
+
+
 @pytest.mark.parametrize(
     ("images", "planned", "true", "titles"),
     [

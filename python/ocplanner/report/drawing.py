@@ -60,9 +60,12 @@ def draw_paths(image: np.ndarray, planned: np.ndarray | None, achieved: np.ndarr
     if len(trail) > 1:
         draw.line([tuple(point) for point in trail], fill=(*_BAR, 150), width=round(3.6 * unit), joint="curve")
         draw.line([tuple(point) for point in trail], fill=ACHIEVED, width=round(2.0 * unit), joint="curve")
-    for point in _points(planned, "planned"):
-        _dot(draw, point, 3.0 * unit, _BAR)
-        _dot(draw, point, 2.3 * unit, PLANNED)
+    dots = _points(planned, "planned")
+    size = unit * min(1.6, max(1.0, (20 / max(1, len(dots))) ** 0.5))  # a plan of few steps would be a speck
+    for point in dots:
+        _dot(draw, point, 3.0 * size, _BAR)
+    for point in dots:
+        _dot(draw, point, 2.3 * size, PLANNED)
     if len(trail):
         _ring(draw, trail[-1], 5.0 * unit, round(2.0 * unit))
     layer = layer.resize((width, height), Image.Resampling.BOX)

@@ -13,6 +13,8 @@ from ocplanner.errors import ShapeError
 from ocplanner.report.style import ACHIEVED, PLANNED, new_figure, styled
 
 _OUTLINE = "#10151c"
+_ROOM, _SMALLEST_SHARE = 1.8, 0.3
+"""The window of a plan: so many times the trajectories' extent, and never less than this share of the image."""
 
 
 def plan_grid(
@@ -25,6 +27,9 @@ def plan_grid(
     title: str = "",
 ) -> Figure:
     """Figures 5 and 6: planned trajectories in red dots, true ones in cyan, over the images the plans were made from.
+
+    All images are cut to windows of one size around the trajectories, so that short plans can be seen as well as long
+    ones; fewer dots are drawn larger.
 
     Args:
         images: each (h, w, 3) uint8, upright.
@@ -49,10 +54,14 @@ def plan_grid(
         grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
         for axes in grid[len(images) :]:
             axes.set_axis_off()
+        paths = [(_pixels(true[i], "true"), _pixels(planned[i], "planned")) for i in range(len(images))]
+        share = max(_share(np.concatenate(pair), width, height) for pair in paths)
         for i, (axes, image) in enumerate(zip(grid, images)):
             show_image(axes, image)
-            _path(axes, true[i], ACHIEVED, "true", "o-", 1.6, 1.6)
-            _path(axes, planned[i], PLANNED, "planned", "o", 0, 1.9)
+            _look_at(axes, np.concatenate(paths[i]), share, width, height)
+            dot = max(1.9, 9 / np.sqrt(max(1, len(paths[i][1]))))
+            _path(axes, paths[i][0], ACHIEVED, "true", "o-", 1.6, 0.85 * dot)
+            _path(axes, paths[i][1], PLANNED, "planned", "o", 0, dot)
             if titles:
                 axes.set_title(titles[i], fontsize=7.5, fontweight="normal", pad=3)
         handles, labels = grid[0].get_legend_handles_labels()
@@ -118,9 +127,29 @@ def show_image(axes: Axes, image: np.ndarray) -> None:
     axes.set_axis_off()
 
 
-def _path(axes: Axes, pixels: np.ndarray, color: str, label: str, marks: str, line: float, size: float) -> None:
-    pixels = np.asarray(pixels, dtype=np.float64)
+def _pixels(path: np.ndarray, label: str) -> np.ndarray:
+    pixels = np.asarray(path, dtype=np.float64)
     if pixels.ndim != 2 or pixels.shape[1] != 2:
         raise ShapeError(f"{label}: expected (H, 2) pixels, found {pixels.shape}")
+    return pixels
+
+
+def _share(pixels: np.ndarray, width: int, height: int) -> float:
+    """How much of an image's sides a window around these pixels (n, 2) needs, with room at its edges; at most 1."""
+    seen = pixels[np.isfinite(pixels).all(axis=1)]
+    extent = np.ptp(seen, axis=0) / (width, height) if len(seen) else np.zeros(2)
+    return float(np.clip(_ROOM * extent.max(), _SMALLEST_SHARE, 1.0))
+
+
+def _look_at(axes: Axes, pixels: np.ndarray, share: float, width: int, height: int) -> None:
+    """Cut the view to ``share`` of the image's sides, centred on the pixels (n, 2) but inside the image."""
+    seen = pixels[np.isfinite(pixels).all(axis=1)]
+    full = np.array([width, height], dtype=np.float64)
+    centre = (seen.min(axis=0) + seen.max(axis=0)) / 2 if len(seen) else full / 2
+    left, top = np.clip(centre - share * full / 2, 0, full - share * full)
+    axes.set(xlim=(left, left + share * width), ylim=(top + share * height, top))
+
+
+def _path(axes: Axes, pixels: np.ndarray, color: str, label: str, marks: str, line: float, size: float) -> None:
     edge = {"markeredgecolor": _OUTLINE, "markeredgewidth": 0.25}
     axes.plot(pixels[:, 0], pixels[:, 1], marks, color=color, markersize=size, linewidth=line, label=label, **edge)
