@@ -73,6 +73,11 @@ def test_the_page_shows_rates_failures_training_videos_and_figures(folder):
     assert [attrs["alt"][:10] for attrs in page.all("img") if attrs["alt"]] == ["The frames"]
 
 
+def test_a_picture_that_lies_in_two_run_folders_is_shown_once(folder, frames):
+    save_figure(film_strip(list(frames)), folder / "h5" / "figures" / "segments.png")
+    assert len([attrs for attrs in report(folder).all("img") if attrs["alt"]]) == 1
+
+
 def test_the_page_stands_alone_and_runs_nothing(folder):
     page = report(folder)
     for tag, attrs in page.tags:

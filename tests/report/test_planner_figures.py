@@ -6,7 +6,7 @@ import pytest
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.errors import MismatchError
-from ocplanner.report.planner_figures import planner_figures, write_planner_figures
+from ocplanner.report.planner_figures import draw_planners, planner_figures, write_planner_figures
 
 HORIZON = 4
 
@@ -43,7 +43,7 @@ def demos(tiny_square):
 
 def test_plans_lie_where_the_camera_sees_them(demos):
     figures = planner_figures(Recorded(demos), demos, rows=2, columns=2, demonstrations=3, size=128)
-    assert set(figures) == {"plans", "latents", "segments"}
+    assert set(figures) == {"plans", "latents"}
     grid = [axes for axes in figures["plans"].axes if axes.images]
     assert [axes.get_title("left").split(",")[0] for axes in grid] == ["demo_2", "demo_2", "demo_0", "demo_0"]
     for axes in grid:
@@ -68,8 +68,17 @@ def test_the_nut_is_at_the_start_of_its_true_path(demos):
 
 def test_figures_are_written_by_name(demos, tmp_path):
     written = write_planner_figures(Recorded(demos), demos, tmp_path / "figures", "h4")
-    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png", "segments_h4.png"]
+    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png"]
     assert all(path.stat().st_size > 5000 for path in written)
+
+
+def test_two_planners_share_the_figure_of_the_frames_kept(demos, tmp_path, monkeypatch):
+    monkeypatch.setattr("ocplanner.planner.planner.Planner.load", lambda _: Recorded(demos))
+    planners = [tmp_path / folder / "planner.safetensors" for folder in ("h5", "h20")]
+    written = draw_planners(planners, demos.path, tmp_path / "figures")
+    assert sorted(path.name for path in written) == [
+        "latents_h20.png", "latents_h5.png", "plans_h20.png", "plans_h5.png", "segments_SquareNut.png",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -134,22 +134,20 @@ def _strips(videos: list[EmbeddedVideo]) -> list[EmbeddedVideo]:
 
 
 def _figures(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """Pictures to embed, known ones first; of one picture in two formats the first by name."""
+    """Pictures to embed, known ones first; of one picture in two formats the first by name, of equal ones the first."""
     known = list(FIGURE_CAPTIONS)
 
     def kind(path: Path) -> int:
         return next((i for i, name in enumerate(known) if path.stem.startswith(name)), len(known))
 
     one_a_stem = list({path.with_suffix(""): path for path in reversed(paths)}.values())[::-1]
-    return [
-        {
-            "uri": embed_file(path),
-            "caption": [*FIGURE_CAPTIONS.values(), path.stem.replace("_", " ").capitalize() + "."][kind(path)],
-            "name": path.stem,
-        }
-        for path in sorted(one_a_stem, key=kind)
-        if not path.stem.startswith(_DRAWN_HERE)
-    ]
+    shown = {}
+    for path in sorted(one_a_stem, key=kind):
+        if not path.stem.startswith(_DRAWN_HERE):
+            caption = [*FIGURE_CAPTIONS.values(), path.stem.replace("_", " ").capitalize() + "."][kind(path)]
+            uri = embed_file(path)
+            shown.setdefault(uri, {"uri": uri, "caption": caption, "name": path.stem})
+    return list(shown.values())
 
 
 def _trainings(runs: Sequence[Run]) -> list[_Training]:

@@ -14,6 +14,7 @@ from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.planner.frames import future, split
+from ocplanner.report.names import distinct_names
 from ocplanner.report.overlays import plan_grid
 from ocplanner.report.plots import latent_map
 from ocplanner.report.segments import segment_figure
@@ -56,7 +57,7 @@ def planner_figures(
     rows: int = 3,
     columns: int = 4,
     demonstrations: int = 10,
-    size: int = 256,
+    size: int = 512,
 ) -> dict[str, Figure]:
     """Draw what a planner plans on held-out demonstrations.
 
@@ -70,7 +71,7 @@ def planner_figures(
         size: side of the pictures, pixels.
 
     Returns:
-        ``plans`` (Figures 5 and 6), ``latents`` (Figure 7) and ``segments`` (the frames kept).
+        ``plans`` (Figures 5 and 6) and ``latents`` (Figure 7).
 
     Raises:
         MismatchError: the data set was rendered for another observation, or lacks a camera.
@@ -82,8 +83,16 @@ def planner_figures(
         plans = _plan_grid(planner, demos, env, parts[:rows], columns, size)
     mapped = parts[:demonstrations]
     latents = [planner.encode(_images(planner.config, demos, part, _kept(part))) for part in mapped]
-    segments = segment_figure(demos, [part.name for part in parts[:_SEGMENTS]], planner.config["object"])
-    return {"plans": plans, "latents": latent_map(latents), "segments": segments}
+    return {"plans": plans, "latents": latent_map(latents)}
+
+
+def kept_frames_figure(config: Mapping[str, Any], demos: Demonstrations) -> Figure:
+    """The frames that training keeps of a few demonstrations: the same for every planner of one object and data set.
+
+    Raises:
+        DatasetError: the object of the planner's ``config`` is manipulated in none of the demonstrations.
+    """
+    return segment_figure(demos, [part.name for part in _parts(config, demos, _SEGMENTS)], config["object"])
 
 
 def write_planner_figures(planner: PlansImages, demos: Demonstrations, folder: str | Path, name: str) -> list[Path]:
@@ -93,7 +102,9 @@ def write_planner_figures(planner: PlansImages, demos: Demonstrations, folder: s
 
 
 def draw_planners(planners: Sequence[Path], data: Path, folder: Path) -> list[Path]:
-    """Load planner files and write each one's figures; files in run folders are named after the folder.
+    """Load planner files and write each one's figures, and once for each object the frames kept of the data set.
+
+    Files in run folders are named after the folder.
 
     Raises:
         PlannerFileError: a file is damaged.
@@ -101,12 +112,18 @@ def draw_planners(planners: Sequence[Path], data: Path, folder: Path) -> list[Pa
     """
     from ocplanner.planner.planner import Planner
 
+    names = distinct_names(planners, [planner_name(file) for file in planners])
+    kept: dict[str, Path] = {}
+    written = []
     with Demonstrations(data) as demos:
-        return [
-            path
-            for file in planners
-            for path in write_planner_figures(Planner.load(file), demos, folder, planner_name(file))
-        ]
+        for file, name in zip(planners, names):
+            planner = Planner.load(file)
+            written += write_planner_figures(planner, demos, folder, name)
+            manipulated = str(planner.config["object"])
+            if manipulated not in kept:
+                figure = kept_frames_figure(planner.config, demos)
+                kept[manipulated] = save_figure(figure, folder / f"segments_{manipulated}.png")
+    return [*written, *kept.values()]
 
 
 def planner_name(file: Path) -> str:
