@@ -15,6 +15,25 @@ def test_what_was_added_is_there_again(tmp_path):
     assert Journal(path, {"robot": "Sawyer"}).runs == {run.seed: run for run in RUNS}
 
 
+def test_an_episode_run_again_for_its_film_stands_once(tmp_path):
+    path = tmp_path / "result.json.journal"
+    journal = Journal(path, {})
+    for run in RUNS:
+        journal.add(run)
+    journal.add(RUNS[0], filmed=True)
+    for read in (journal, Journal(path, {})):
+        assert list(read.runs.values()) == RUNS
+        assert read.filmed == {10000}
+
+
+def test_lines_that_do_not_speak_of_films_are_read(tmp_path):
+    path = tmp_path / "result.json.journal"
+    line = '{"seed": 7, "success": true, "steps": 3, "failure": null, "released_by": "follower"}'
+    path.write_text("{}\n" + line + "\n")
+    assert list(Journal(path, {}).runs) == [7]
+    assert Journal(path, {}).filmed == set()
+
+
 def test_a_line_cut_by_a_kill_is_dropped_and_written_again(tmp_path):
     path = tmp_path / "result.json.journal"
     journal = Journal(path, {})

@@ -75,6 +75,38 @@ def test_a_stopped_transfer_goes_on_and_films(planner, tmp_path):
     assert len(read_video(tmp_path / "transfer" / "episode_10000.mp4")) > 5
 
 
+def test_episodes_done_before_videos_were_asked_for_are_filmed(planner, tmp_path):
+    out = tmp_path / "transfer.json"
+    film = tmp_path / "transfer" / "episode_10000.mp4"
+    options = {"robot": "Panda", "episodes": 3, "settings": HASTY, "out": out}
+
+    def stopped_after(count, **changes):
+        seen = []
+
+        def stop(run):
+            seen.append(run.seed)
+            if len(seen) == count:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            ocp.transfer(planner, on_episode=stop, **options, **changes)
+
+    film.parent.mkdir()
+    film.write_bytes(b"of another transfer")
+    stopped_after(2)
+    assert film.read_bytes() == b"of another transfer"
+    stopped_after(2, videos=1)
+    whole = film.read_bytes()
+    assert len(read_video(film)) > 5
+    film.unlink()
+    seen = []
+    result = ocp.transfer(planner, on_episode=lambda run: seen.append(run.seed), videos=1, **options)
+    assert sorted(seen) == [10000, 10001, 10002]
+    assert film.read_bytes() == whole
+    straight = ocp.transfer(planner, "Panda", episodes=3, settings=HASTY)
+    assert result.runs == straight.runs
+
+
 def test_command_line_says_what_is_wrong(planner, capsys):
     assert main(["transfer", "--planner", str(planner.path), "--robot", "Nobody"]) == 2
     assert "unknown robot 'Nobody'; known:" in capsys.readouterr().err

@@ -12,7 +12,9 @@ from ocplanner.transfer.result import Run
 
 
 class Journal:
-    """A file of lines: what is being run, then one episode a line.
+    """A file of lines: what is being run, then one episode a line, and whether it was filmed.
+
+    An episode that was run again stands twice; the later line holds.
 
     Args:
         path: the file.
@@ -25,6 +27,7 @@ class Journal:
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
         self.path = path
         self.runs: dict[int, Run] = {}
+        self.filmed: set[int] = set()
         identity = json.loads(json.dumps(identity))
         if not path.exists():
             with atomic_write(path) as temporary:
@@ -45,20 +48,24 @@ class Journal:
         for line in lines[1:]:
             if not line.endswith("\n"):  # the kill came in the middle of it
                 break
-            run = Run(**json.loads(line))
-            self.runs[run.seed] = run
+            content = json.loads(line)
+            self._note(filmed=content.pop("filmed", False), run=Run(**content))
             whole += line
         if whole != "".join(lines):
             with atomic_write(path) as temporary:
                 temporary.write_text(whole, encoding="utf-8")
 
-    def add(self, run: Run) -> None:
-        """Keep one episode; when this returns it survives a kill."""
+    def _note(self, run: Run, *, filmed: bool) -> None:
+        self.runs[run.seed] = run
+        (self.filmed.add if filmed else self.filmed.discard)(run.seed)
+
+    def add(self, run: Run, *, filmed: bool = False) -> None:
+        """Keep one episode, and that its video is written if it is; when this returns it survives a kill."""
         with writing(self.path), self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(run)) + "\n")
+            file.write(json.dumps({**asdict(run), "filmed": filmed}) + "\n")
             file.flush()
             os.fsync(file.fileno())
-        self.runs[run.seed] = run
+        self._note(run, filmed=filmed)
 
     def remove(self) -> None:
         """Delete the file."""

@@ -55,6 +55,10 @@ class Scenario:
     videos: Path | None = None
     filmed: tuple[int, ...] = ()
 
+    def video(self, seed: int) -> Path | None:
+        """The file that an episode is recorded to, or None if it is not recorded."""
+        return self.videos / f"episode_{seed}.mp4" if self.videos is not None and seed in self.filmed else None
+
     def make(self) -> "Stage":
         """Load the planner and put the robot before its task."""
         env = make_env(
@@ -79,12 +83,12 @@ class Stage:
     def play(self, seed: int) -> Run:
         """Run one episode."""
         scenario = self.scenario
-        filming = scenario.videos is not None and seed in scenario.filmed
-        recorder = Recorder(self.env) if filming else None
+        video = scenario.video(seed)
+        recorder = None if video is None else Recorder(self.env)
         sight = ErringMask(scenario.mask_error, seed)
         episode = run_episode(self.env, self.planner, seed, scenario.settings, observe=sight.observe, on_step=recorder)
-        if recorder is not None and scenario.videos is not None:
-            recorder.write(scenario.videos / f"episode_{seed}.mp4", episode)
+        if recorder is not None and video is not None:
+            recorder.write(video, episode)
         return Run(seed, episode.success, episode.steps, episode.failure, episode.released_by)
 
     def close(self) -> None:
@@ -125,7 +129,8 @@ def transfer(
         settings: the follower's numbers; ``follow`` overrides theirs.
         workers: processes; the result does not depend on it.
         out: result file; with it, a transfer that was stopped goes on where it was.
-        videos: record so many of the first episodes beside the result file.
+        videos: record so many of the first episodes beside the result file; those that an earlier run has done
+            without recording them are run again.
         command: what remakes the result; the running command if not given.
         on_episode: called with each episode, those of an earlier run included.
 
@@ -224,7 +229,7 @@ def _play(
     journal: Journal | None,
     on_episode: Callable[[Run], None] | None,
 ) -> dict[int, Run]:
-    runs = {} if journal is None else {seed: run for seed, run in journal.runs.items() if seed in seeds}
+    runs = {} if journal is None else {seed: journal.runs[seed] for seed in seeds if _done(scenario, journal, seed)}
     for run in runs.values():
         if on_episode is not None:
             on_episode(run)
@@ -234,10 +239,19 @@ def _play(
     for seed, run in run_episodes(scenario.make, Stage.play, left, workers):
         runs[seed] = run
         if journal is not None:
-            journal.add(run)
+            journal.add(run, filmed=scenario.video(seed) is not None)
         if on_episode is not None:
             on_episode(run)
     return runs
+
+
+def _done(scenario: Scenario, journal: Journal, seed: int) -> bool:
+    """Whether an earlier run leaves nothing to do for this seed: its episode, and its video if one is wanted.
+
+    A video that the journal does not know of may be of another transfer with the same output.
+    """
+    video = scenario.video(seed)
+    return seed in journal.runs and (video is None or (seed in journal.filmed and video.exists()))
 
 
 def _identity(scenario: Scenario, planner: Planner) -> dict[str, Any]:
