@@ -1,31 +1,122 @@
-"""The table of zero-shot results, from the result files themselves."""
+"""Markdown tables of the measured results, from the result files themselves."""
 
 import json
 from collections import defaultdict
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+from ocplanner.errors import ResultFileError
+from ocplanner.evaluation import held_out
+
+NOTHING = "Not measured yet."
 
 
 def transfer_table(folder: Path) -> str:
-    """A Markdown table of every result file in ``folder``: one row a follow mode and observation, one column a robot.
+    """A table of every result file in ``folder``: one row a follow mode and observation, one column a robot.
 
     A cell lists the successes of each training seed in order, and their mean when there are several.
+
+    Raises:
+        ResultFileError: a file is damaged.
     """
-    cells: dict[tuple[str, str], dict[str, list[tuple[int, int, int]]]] = defaultdict(lambda: defaultdict(list))
-    for path in sorted(folder.glob("*.json")):
-        result = json.loads(path.read_text())
-        entry = (result["planner_seed"], result["successes"], result["episodes"])
-        cells[result["follow"], result["observe"]][result["robot"]].append(entry)
+    cells = _cells(_read(folder), lambda result: (result["follow"], result["observe"]), lambda result: result["robot"])
     robots = sorted({robot for row in cells.values() for robot in row})
-    lines = [f"| follow | observe | {' | '.join(robots)} |", "| --- " * (len(robots) + 2) + "|"]
-    for (follow, observe), row in sorted(cells.items()):
-        texts = [_cell(sorted(row[robot])) if robot in row else "" for robot in robots]
-        lines.append(f"| {follow} | {observe} | {' | '.join(texts)} |")
-    return "\n".join(lines)
+    return _table(("follow", "observe"), robots, {key: cells[key] for key in sorted(cells)})
 
 
-def _cell(entries: list[tuple[int, int, int]]) -> str:
+def mask_error_table(folder: Path, perfect: Path) -> str:
+    """Success rates with masks of the robot that are some pixels off, one column a number of pixels.
+
+    Args:
+        folder: result files with a mask error.
+        perfect: result files of the same transfers without one, shown as 0 px.
+
+    Raises:
+        ResultFileError: a file is damaged.
+    """
+
+    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
+        return result["robot"], result["follow"]
+
+    off = _read(folder)
+    tried = {(*setting(result), result["planner_seed"]) for result in off}
+    exact = [
+        result
+        for result in _read(perfect)
+        if result["observe"] == "masked" and (*setting(result), result["planner_seed"]) in tried
+    ]
+    cells = _cells([*exact, *off], setting, lambda result: int(result["mask_error"]))
+    pixels = sorted({number for row in cells.values() for number in row})
+    texts = {key: {f"{number} px": entry for number, entry in cells[key].items()} for key in sorted(cells)}
+    return _table(("robot", "follow"), [f"{number} px" for number in pixels], texts)
+
+
+def held_out_table(results: Path) -> str:
+    """The errors in ``heldout.json`` of each planner before and after fine-tuning, seen on the recorded robot.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    rows = [row for row in held_out.read(results)["rows"] if row["appearance"] == "source"]
+    if not rows:
+        return NOTHING
+    head = ("planner", "stage", "ADE mm", "FDE mm", "path mm", "rotation deg (median)", "last yaw more than 45 deg off")
+    return _markdown(head, map(_errors, rows))
+
+
+def _errors(row: Mapping[str, Any]) -> list[str]:
+    posed = "rotation_deg" in row
+    return [
+        f"{row['observe']}, H = {row['horizon']}, {row['outputs']}, seed {row['seed']}",
+        f"{row['candidate']}{' (kept)' if row['kept'] else ''}",
+        *(f"{row[name]:.1f}" for name in ("ade_mm", "fde_mm", "path_mm")),
+        f"{row['rotation_deg']:.1f} ({row['rotation_median_deg']:.1f})" if posed else "",
+        f"{row['yaw_wrong_percent']:.1f} %" if posed else "",
+    ]
+
+
+def _read(folder: Path) -> list[dict[str, Any]]:
+    results = []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+            missing = {"robot", "follow", "observe", "planner_seed", "mask_error", "successes", "episodes"} - set(
+                result
+            )
+        except (OSError, ValueError, TypeError) as error:
+            raise ResultFileError(f"cannot read {path}: {error}; run its transfer again") from error
+        if missing:
+            raise ResultFileError(f"{path} is no transfer result: it lacks {', '.join(sorted(missing))}")
+        results.append(result)
+    return results
+
+
+def _cells(results: Iterable[Mapping[str, Any]], row: Any, column: Any) -> dict[tuple[str, ...], dict[Any, str]]:
+    """Row -> column -> the text of all training seeds."""
+    entries: dict[tuple[str, ...], dict[Hashable, list[tuple[int, int, int]]]] = defaultdict(lambda: defaultdict(list))
+    for result in results:
+        entry = (result["planner_seed"], result["successes"], result["episodes"])
+        entries[row(result)][column(result)].append(entry)
+    return {key: {name: _cell(sorted(found)) for name, found in line.items()} for key, line in entries.items()}
+
+
+def _cell(entries: Sequence[tuple[int, int, int]]) -> str:
     counts = ", ".join(f"{successes}/{episodes}" for _, successes, episodes in entries)
     if len(entries) == 1:
         return counts
     mean = sum(successes / episodes for _, successes, episodes in entries) / len(entries)
     return f"**{100 * mean:.0f} %** ({counts})"
+
+
+def _table(keys: Sequence[str], columns: Sequence[str], cells: Mapping[tuple[str, ...], Mapping[str, str]]) -> str:
+    if not cells:
+        return NOTHING
+    return _markdown(
+        [*keys, *columns], ([*key, *(row.get(name, "") for name in columns)] for key, row in cells.items())
+    )
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "| --- " * len(head) + "|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])

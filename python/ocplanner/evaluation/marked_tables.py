@@ -1,0 +1,68 @@
+"""Rewriting the tables inside Markdown files, between ``<!-- NAME -->`` and ``<!-- end NAME -->``."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from ocplanner.errors import ResultFileError
+from ocplanner.evaluation.summary import held_out_table, mask_error_table, transfer_table
+from ocplanner.storage import atomic_write
+
+
+def write_tables(results: Path) -> list[Path]:
+    """Rewrite the tables in ``README.md`` of the results and of the folder above, where there are any.
+
+    ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
+    demonstrations.
+
+    Returns:
+        The files that have such tables, changed or not.
+
+    Raises:
+        ResultFileError: a result file is damaged, or a table has no end marker.
+        OutputError: a file cannot be written.
+    """
+    tables = {
+        "TABLE": transfer_table(results / "transfer"),
+        "MASKERROR": mask_error_table(results / "mask_error", results / "transfer"),
+        "HELDOUT": held_out_table(results),
+    }
+    marked = []
+    for path in (results.resolve().parent / "README.md", results / "README.md"):
+        if not path.is_file():
+            continue
+        before = path.read_text(encoding="utf-8")
+        if not any(_start(name) in before for name in tables):
+            continue
+        after = replace_tables(before, tables, path)
+        if after != before:
+            with atomic_write(path) as temporary:
+                temporary.write_text(after, encoding="utf-8")
+        marked.append(path)
+    return marked
+
+
+def replace_tables(text: str, tables: Mapping[str, str], path: Path) -> str:
+    """``text`` with what stands between the markers of each table replaced; tables without markers are not put in.
+
+    Args:
+        text: Markdown.
+        tables: name of the markers -> the table.
+        path: where the text is from, for messages.
+
+    Raises:
+        ResultFileError: a table begins but does not end.
+    """
+    for name, table in tables.items():
+        start, end = _start(name), f"<!-- end {name} -->"
+        before, found, rest = text.partition(start)
+        if not found:
+            continue
+        _, ended, after = rest.partition(end)
+        if not ended:
+            raise ResultFileError(f"{path}: no {end} after {start}; add it where the table ends")
+        text = f"{before}{start}\n{table}\n{end}{after}"
+    return text
+
+
+def _start(name: str) -> str:
+    return f"<!-- {name} -->"

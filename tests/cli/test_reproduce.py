@@ -1,0 +1,106 @@
+"""``ocplanner reproduce`` with commands that leave what the real ones leave, at once."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from ocplanner.cli import main
+from ocplanner.evaluation import held_out, reproduction
+from ocplanner.evaluation.experiments import planner_experiments
+
+NAMES = [experiment.name for experiment in planner_experiments((0,))]
+
+
+@pytest.fixture
+def commands(monkeypatch, tmp_path):
+    """The commands run, each writing the file that its real counterpart writes."""
+    ran = []
+
+    def run(arguments, log):
+        verb, options = arguments[0], dict(pairwise(arguments))
+        ran.append((verb, Path(options.get("--run") or options.get("--out") or arguments[2]).name))
+        if verb == "render":
+            Path(arguments[2]).parent.mkdir(parents=True, exist_ok=True)
+            Path(arguments[2]).touch()
+        elif verb == "train-planner":
+            folder = Path(options["--run"])
+            folder.mkdir()
+            row = {"stage": "final", "candidate": "predictor", "kept": True, "appearance": "source"}
+            errors = {"ade_mm": 1.0, "fde_mm": 1.0, "path_mm": 1.0}
+            (folder / "metrics.jsonl").write_text(json.dumps(row | errors) + "\n")
+            (folder / "planner.safetensors").write_text(f"{folder}")
+        else:
+            content = {"planner_seed": 0, "mask_error": int(options.get("--mask-error", 0)), "successes": 1}
+            shown = {name: options[f"--{name}"] for name in ("robot", "follow", "observe")}
+            out = Path(options["--out"])
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(json.dumps({**content, **shown, "episodes": int(options["--episodes"])}))
+
+    monkeypatch.setattr(reproduction, "_run", run)
+    monkeypatch.chdir(tmp_path)
+    return ran
+
+
+def planners(*flags: str) -> None:
+    assert main(["reproduce", "planners", "--seeds", "0", "--workers", "1", *flags]) == 0
+
+
+def rows() -> dict[str, dict]:
+    return {row["planner"]: row for row in held_out.read(Path("results"))["rows"]}
+
+
+def test_a_new_work_folder_keeps_what_the_results_hold(commands, capsys):
+    planners("--work", "one")
+    assert [name for verb, name in commands if verb == "train-planner"] == NAMES
+    assert list(rows()) == NAMES
+    commands.clear()
+    capsys.readouterr()
+    planners("--work", "two")
+    assert commands == []
+    assert capsys.readouterr().out.splitlines() == [f"kept {name}" for name in NAMES]
+    assert list(rows()) == NAMES
+
+
+def test_a_planner_without_its_file_is_trained_again_and_only_it(commands):
+    planners("--work", "one")
+    lost = Path("results/planners/square_full_h20_pose_0.safetensors")
+    lost.unlink()
+    commands.clear()
+    planners("--work", "two")
+    assert commands == [("render", "square_full.hdf5"), ("train-planner", "square_full_h20_pose_0")]
+    assert lost.read_text() == "two/square_full_h20_pose_0"
+    assert list(rows()) == NAMES
+
+
+def test_again_trains_all(commands):
+    planners("--work", "one")
+    commands.clear()
+    planners("--work", "two", "--again")
+    assert [name for verb, name in commands if verb == "train-planner"] == NAMES
+    assert Path(f"results/planners/{NAMES[0]}.safetensors").read_text() == f"two/{NAMES[0]}"
+    assert list(rows()) == NAMES
+
+
+def test_the_tables_follow_each_transfer(commands, monkeypatch):
+    Path("results").mkdir()
+    for path in (Path("README.md"), Path("results/README.md")):
+        path.write_text("<!-- TABLE -->\n<!-- end TABLE -->\n<!-- MASKERROR -->\n<!-- end MASKERROR -->\n")
+    ran, instant = reproduction._run, []
+
+    def stopped(arguments, log):
+        instant.append(Path("README.md").read_text().count("1/7"))
+        if len(instant) == 3:
+            raise KeyboardInterrupt
+        ran(arguments, log)
+
+    monkeypatch.setattr(reproduction, "_run", stopped)
+    zero_shot = ["reproduce", "zero-shot", "--seeds", "0", "--episodes", "7"]
+    assert main(zero_shot) == 130
+    assert instant == [0, 1, 2]
+    monkeypatch.setattr(reproduction, "_run", ran)
+    assert main(zero_shot) == 0
+    for path in (Path("README.md"), Path("results/README.md")):
+        assert "| gated | masked | 1/7 | 1/7 | 1/7 |" in path.read_text()
+        assert "| Sawyer | gated | 1/7 | 1/7 | 1/7 | 1/7 |" in path.read_text()
