@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ocplanner.envs import make_env
     from ocplanner.planner.planner import Plan, Planner
     from ocplanner.pose import Pose
+    from ocplanner.rewards import RewardConfig, label_demonstration, plan_reward
 
 _LAZY = {
     "Demonstration": "ocplanner.demos.demonstration",
@@ -34,10 +35,24 @@ _LAZY = {
     "Plan": "ocplanner.planner.planner",
     "Planner": "ocplanner.planner.planner",
     "Pose": "ocplanner.pose",
+    "RewardConfig": "ocplanner.rewards",
+    "label_demonstration": "ocplanner.rewards",
     "make_env": "ocplanner.envs",
+    "plan_reward": "ocplanner.rewards",
 }
 
-__all__ = ["Demonstration", "Demonstrations", "Plan", "Planner", "Pose", "make_env", "transfer"]
+__all__ = [
+    "Demonstration",
+    "Demonstrations",
+    "Plan",
+    "Planner",
+    "Pose",
+    "RewardConfig",
+    "label_demonstration",
+    "make_env",
+    "plan_reward",
+    "transfer",
+]
 
 
 def __getattr__(name: str) -> Any:
