@@ -94,7 +94,7 @@ impl DeltaPoseLaw {
     /// `rotation_world_base` holds the axes of the robot's base, in which the controller reads its command.
     ///
     /// # Errors
-    /// [`Error::Value`] if a rotation is none.
+    /// [`Error::Value`] if a rotation is none, or the numbers overflow.
     pub fn action(&self, object: &Pose, target: &Pose, eef: &Pose, rotation_world_base: &Matrix3) -> Result<[f64; 6]> {
         let to_base = transpose(rotation_world_base);
         let turn = multiply(&target.rotation, &transpose(&object.rotation));
@@ -107,7 +107,15 @@ impl DeltaPoseLaw {
         let turning = shrink(norm(&delta_rot_base), self.limit_rotation);
         let [x, y, z] = delta_pos_base.map(|v| v / self.scale_position);
         let [a, b, c] = delta_rot_base.map(|v| v / self.scale_rotation * turning);
-        Ok([x * horizontal, y * horizontal, z * vertical, a, b, c].map(|v| v.clamp(-1.0, 1.0)))
+        let action = [x * horizontal, y * horizontal, z * vertical, a, b, c].map(|v| v.clamp(-1.0, 1.0));
+        if action.iter().all(|v| v.is_finite()) {
+            return Ok(action);
+        }
+        Err(Error::Value {
+            what: "action",
+            found: format!("{action:?}"),
+            expected: "finite: the poses lie too far apart",
+        })
     }
 }
 
@@ -158,6 +166,12 @@ impl DeltaPoseController {
         Ok(Self { law: law.validate()?, follow, positions: Vec::new(), rotations: None, index: 0 })
     }
 
+    /// The law of its actions.
+    #[must_use]
+    pub fn law(&self) -> &DeltaPoseLaw {
+        &self.law
+    }
+
     /// Takes a new plan, m'_{t+1} ... m'_{t+H}, and finds where to start: at its first step, or, gated, at the step
     /// nearest to the object. Without rotations the plan is position-only and the object's rotation is left alone.
     ///
@@ -200,6 +214,12 @@ impl DeltaPoseController {
     /// The plan step that is the target now.
     pub fn index(&self) -> usize {
         self.index
+    }
+
+    /// Whether a plan has been given.
+    #[must_use]
+    pub fn has_plan(&self) -> bool {
+        !self.positions.is_empty()
     }
 
     /// Whether the target is the plan's last step.

@@ -4,6 +4,7 @@
 //! angles radians.
 
 pub mod delta_pose;
+pub mod delta_pose_batch;
 pub mod error;
 pub mod nn;
 pub mod osc;

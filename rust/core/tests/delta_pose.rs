@@ -2,8 +2,12 @@
 
 use ocplanner_core::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow, checked_pose};
 use ocplanner_core::error::Error;
-use ocplanner_core::pose::{IDENTITY, Pose, add, rotate, rotation_exp, subtract};
+use ocplanner_core::pose::{
+    IDENTITY, Matrix3, Pose, add, multiply, quat_xyzw_from_rotation, rotate, rotation_exp, rotation_from_quat_xyzw,
+    scale, subtract, transpose,
+};
 use proptest::prelude::*;
+use std::f64::consts::{PI, TAU};
 
 fn rotations() -> impl Strategy<Value = [[f64; 3]; 3]> {
     prop::array::uniform3(-4.0..4.0_f64).prop_map(|vector| rotation_exp(&vector).unwrap())
@@ -54,6 +58,138 @@ proptest! {
         let carried = add(&object.position, &rotate(&spin, &subtract(&eef.position, &object.position)));
         for i in 0..3 {
             prop_assert!((moved[i] - carried[i]).abs() < 1e-9);
+        }
+    }
+}
+
+fn unit_vectors() -> impl Strategy<Value = [f64; 3]> {
+    prop::array::uniform3(-1.0..1.0_f64)
+        .prop_filter("not near zero", |v| length(v) > 0.1)
+        .prop_map(|v| scale(&v, 1.0 / length(&v)))
+}
+
+/// The rotation command from one rotation to another, radians, unclipped.
+fn turn_command(from: Matrix3, to: Matrix3) -> [f64; 3] {
+    let law = DeltaPoseLaw { limit_rotation: 4.0, scale_rotation: 4.0, ..DeltaPoseLaw::default() };
+    let pose = |rotation| Pose { position: [0.0; 3], rotation };
+    let action = law.action(&pose(from), &pose(to), &pose(from), &IDENTITY).unwrap();
+    std::array::from_fn(|i| action[3 + i] * 4.0)
+}
+
+proptest! {
+    #[test]
+    fn the_default_limits_are_five_centimetres_and_a_fifth_of_a_radian(
+        object in poses(), target in poses(), eef in poses(), base in rotations(), gain in 0.1..1e6_f64,
+    ) {
+        let law = DeltaPoseLaw { gain_position: gain, gain_rotation: gain, ..DeltaPoseLaw::default() };
+        let action = law.action(&object, &target, &eef, &base).unwrap();
+        prop_assert!(length(&action[..2]) * 0.05 <= 0.05 + 1e-12);
+        prop_assert!(action[2].abs() * 0.05 <= 0.05 + 1e-12);
+        prop_assert!(length(&action[3..]) * 0.5 <= 0.2 + 1e-12);
+    }
+
+    #[test]
+    fn any_finite_position_gives_an_action_within_limits_or_an_error(
+        positions in prop::array::uniform3(prop::array::uniform3(prop::num::f64::NORMAL)), gain in 0.1..1e300_f64,
+    ) {
+        let law = DeltaPoseLaw { gain_position: gain, gain_rotation: gain, ..DeltaPoseLaw::default() };
+        let [object, target, eef] = positions.map(|position| Pose { position, rotation: IDENTITY });
+        if let Ok(action) = law.action(&object, &target, &eef, &IDENTITY) {
+            prop_assert!(action.iter().all(|x| x.abs() <= 1.0), "{action:?}");
+        }
+    }
+
+    #[test]
+    fn clipping_keeps_directions_and_what_is_within_limits(
+        delta in prop::array::uniform3(-0.5..0.5_f64), axis in unit_vectors(), angle in 0.0..3.0_f64,
+    ) {
+        let target = Pose { position: delta, rotation: rotation_exp(&scale(&axis, angle)).unwrap() };
+        let here = Pose::IDENTITY;
+        let action = DeltaPoseLaw::default().action(&here, &target, &here, &IDENTITY).unwrap();
+        let shorter = |length: f64, limit: f64| if length > limit { limit / length } else { 1.0 };
+        let (flat, turn) = (shorter(delta[0].hypot(delta[1]), 0.05), angle.min(0.2));
+        for i in 0..2 {
+            prop_assert!((action[i] * 0.05 - flat * delta[i]).abs() < 1e-12);
+        }
+        // However far the target is sideways, the lift is not starved, and the other way round.
+        prop_assert!((action[2] * 0.05 - delta[2].clamp(-0.05, 0.05)).abs() < 1e-12);
+        for i in 0..3 {
+            prop_assert!((action[3 + i] * 0.5 - turn * axis[i]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_sign_of_a_quaternion_does_not_matter(
+        from in rotations(), to in rotations(), object_sign: bool, target_sign: bool,
+    ) {
+        let signed = |rotation: &Matrix3, flip: bool| {
+            let quat = quat_xyzw_from_rotation(rotation).unwrap();
+            rotation_from_quat_xyzw(&quat.map(|x| if flip { -x } else { x })).unwrap()
+        };
+        let turn = multiply(&to, &transpose(&from));
+        // Near a half turn the two ways round are equally short.
+        prop_assume!(turn[0][0] + turn[1][1] + turn[2][2] > -0.99);
+        let expected = turn_command(from, to);
+        let found = turn_command(signed(&from, object_sign), signed(&to, target_sign));
+        for i in 0..3 {
+            prop_assert!((found[i] - expected[i]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn turns_go_the_short_way_round(from in rotations(), axis in unit_vectors(), angle in -20.0..20.0_f64) {
+        let wrapped = angle - TAU * (angle / TAU).round();
+        prop_assume!(wrapped.abs() < PI - 1e-3);
+        let to = multiply(&rotation_exp(&scale(&axis, angle)).unwrap(), &from);
+        let found = turn_command(from, to);
+        for i in 0..3 {
+            prop_assert!((found[i] - wrapped * axis[i]).abs() < 1e-9, "{found:?} for {wrapped} about {axis:?}");
+        }
+    }
+
+    #[test]
+    fn a_half_turn_is_a_turn_either_way(from in rotations(), axis in unit_vectors(), off in -1e-9..1e-9_f64) {
+        let to = multiply(&rotation_exp(&scale(&axis, PI + off)).unwrap(), &from);
+        let found = turn_command(from, to);
+        prop_assert!((length(&found) - PI).abs() < 1e-6);
+        let along: f64 = found.iter().zip(&axis).map(|(f, a)| f * a).sum();
+        prop_assert!((along.abs() - PI).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_command_is_in_the_base_frame(
+        object in poses(), target in poses(), eef in poses(), base in rotations(), origin in prop::array::uniform3(-2.0..2.0_f64),
+    ) {
+        // Moving and turning the whole world, base included, changes nothing.
+        let law = DeltaPoseLaw::default();
+        let world = Pose { position: origin, rotation: base };
+        let expected = law.action(&object, &target, &eef, &IDENTITY).unwrap();
+        let moved = [&object, &target, &eef].map(|pose| world.compose(pose));
+        let turn = multiply(&target.rotation, &transpose(&object.rotation));
+        prop_assume!(turn[0][0] + turn[1][1] + turn[2][2] > -0.99);
+        let found = law.action(&moved[0], &moved[1], &moved[2], &base).unwrap();
+        for i in 0..6 {
+            prop_assert!((found[i] - expected[i]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn whatever_it_follows_a_controller_stays_within_limits(
+        plan in prop::collection::vec(poses(), 1..8), seen in prop::collection::vec((poses(), poses()), 1..12),
+        base in rotations(), which in 0..3_usize, with_rotation: bool,
+    ) {
+        let follow = [Follow::OpenLoop, Follow::Time, Follow::Gated { position: 1.0, rotation: 1.0 }][which];
+        let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), follow).unwrap();
+        let rotations = with_rotation.then(|| plan.iter().map(|pose| pose.rotation).collect());
+        controller.set_plan(plan.iter().map(|pose| pose.position).collect(), rotations, &seen[0].0).unwrap();
+        let mut index = controller.index();
+        for (object, eef) in &seen {
+            let target = controller.target(object).unwrap();
+            prop_assert!(controller.index() >= index && controller.index() < plan.len(), "never back, never beyond");
+            index = controller.index();
+            let action = controller.action(object, &target, eef, &base).unwrap();
+            prop_assert!(action.iter().all(|x| x.abs() <= 1.0));
+            prop_assert!(length(&action[..2]) <= 1.0 + 1e-12 && length(&action[3..]) <= 0.4 + 1e-12);
         }
     }
 }

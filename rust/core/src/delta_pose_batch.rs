@@ -1,0 +1,115 @@
+//! Delta-pose control of many environments at once, each with a plan of its own.
+
+use crate::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow};
+use crate::error::{Error, Result};
+use crate::pose::{Matrix3, Pose, Vector3, check_rotation};
+
+/// Actions of many environments, one for each of their poses; as [`DeltaPoseLaw::action`].
+///
+/// # Errors
+/// [`Error::Shape`] if the slices differ in length; otherwise as [`DeltaPoseLaw::action`].
+pub fn actions(
+    law: &DeltaPoseLaw,
+    objects: &[Pose],
+    targets: &[Pose],
+    eefs: &[Pose],
+    rotations_world_base: &[Matrix3],
+) -> Result<Vec<[f64; 6]>> {
+    let count = objects.len();
+    one_each("target", targets.len(), count)?;
+    one_each("eef", eefs.len(), count)?;
+    one_each("rotation_world_base", rotations_world_base.len(), count)?;
+    (0..count).map(|i| law.action(&objects[i], &targets[i], &eefs[i], &rotations_world_base[i])).collect()
+}
+
+/// Plans of many environments, all of one length.
+#[derive(Debug, Clone, Copy)]
+pub struct PlanBatch<'a> {
+    /// Steps of each plan.
+    pub horizon: usize,
+    /// (environments, horizon), metres.
+    pub positions: &'a [Vector3],
+    /// (environments, horizon), object -> world; `None` for plans of positions.
+    pub rotations: Option<&'a [Matrix3]>,
+}
+
+/// One [`DeltaPoseController`] for each environment.
+#[derive(Debug, Clone)]
+pub struct DeltaPoseBatch {
+    controllers: Vec<DeltaPoseController>,
+}
+
+impl DeltaPoseBatch {
+    /// Controllers without plans.
+    ///
+    /// # Errors
+    /// As [`DeltaPoseController::new`].
+    pub fn new(environments: usize, law: DeltaPoseLaw, follow: Follow) -> Result<Self> {
+        Ok(Self { controllers: vec![DeltaPoseController::new(law, follow)?; environments] })
+    }
+
+    /// The controllers, in the environments' order.
+    #[must_use]
+    pub fn controllers(&self) -> &[DeltaPoseController] {
+        &self.controllers
+    }
+
+    /// Gives new plans to the `chosen` environments, as [`DeltaPoseController::set_plan`]; the others keep theirs.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if there is not one plan, object and choice for each environment; otherwise as
+    /// [`DeltaPoseController::set_plan`]. Then every environment keeps the plan it had.
+    pub fn set_plans(&mut self, plans: PlanBatch<'_>, objects: &[Pose], chosen: &[bool]) -> Result<()> {
+        let PlanBatch { horizon, positions, rotations } = plans;
+        let count = self.controllers.len();
+        one_each("object", objects.len(), count)?;
+        one_each("chosen", chosen.len(), count)?;
+        let steps = |found: usize| match found == count * horizon {
+            true => Ok(()),
+            false => Err(Error::Shape {
+                what: "plan",
+                found: vec![found],
+                expected: format!("({count}, {horizon}, ...): one plan for each environment"),
+            }),
+        };
+        steps(positions.len())?;
+        rotations.map_or(Ok(()), |rotations| steps(rotations.len()))?;
+        let mut next = Vec::with_capacity(count);
+        for (i, controller) in self.controllers.iter().enumerate().filter(|(i, _)| chosen[*i]) {
+            let range = i * horizon..(i + 1) * horizon;
+            let rotations = rotations.map(|rotations| rotations[range.clone()].to_vec());
+            let mut controller = controller.clone();
+            controller.set_plan(positions[range].to_vec(), rotations, &objects[i])?;
+            next.push((i, controller));
+        }
+        for (i, controller) in next {
+            self.controllers[i] = controller;
+        }
+        Ok(())
+    }
+
+    /// Advances every environment along its plan, as [`DeltaPoseController::target`].
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if there is not one object for each environment, [`Error::Value`] if an environment has no
+    /// plan or a rotation is none. Then no environment has advanced.
+    pub fn targets(&mut self, objects: &[Pose]) -> Result<Vec<Pose>> {
+        one_each("object", objects.len(), self.controllers.len())?;
+        for (i, (controller, object)) in self.controllers.iter().zip(objects).enumerate() {
+            check_rotation("object", &object.rotation)?;
+            if !controller.has_plan() {
+                let found = format!("environment {i} without a plan");
+                return Err(Error::Value { what: "controller", found, expected: "given a plan first" });
+            }
+        }
+        self.controllers.iter_mut().zip(objects).map(|(controller, object)| controller.target(object)).collect()
+    }
+}
+
+fn one_each(what: &'static str, found: usize, environments: usize) -> Result<()> {
+    if found != environments {
+        let expected = format!("({environments}, ...): one for each environment");
+        return Err(Error::Shape { what, found: vec![found], expected });
+    }
+    Ok(())
+}
