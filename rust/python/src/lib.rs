@@ -5,10 +5,12 @@ use pyo3::prelude::*;
 mod arrays;
 mod delta_pose;
 mod errors;
+mod mujoco;
+mod native_control;
 mod planner;
+mod plant;
 mod pose;
 mod reward;
-mod simulation;
 
 #[pymodule]
 mod _core {
@@ -20,6 +22,6 @@ mod _core {
         planner::register(module)?;
         delta_pose::register(module)?;
         reward::register(module)?;
-        simulation::register(module)
+        native_control::register(module)
     }
 }

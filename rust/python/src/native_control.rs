@@ -1,0 +1,233 @@
+//! The binding of the control loop of one arm inside MuJoCo.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use ocplanner_core::osc::{ActionFrame, ArmState, Joints, MAX_JOINTS, Site};
+use pyo3::prelude::*;
+
+use crate::arrays::view;
+use crate::errors::{named, shape_error, to_python};
+use crate::plant::{MAX_GRIPPER_ACTUATORS, Plant, Wiring};
+
+/// Adds this file's functions and classes to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<ControlLoop>()
+}
+
+/// What [`ControlLoop::measured`] returns: see there.
+type Measured<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+/// One arm's control step, run natively.
+///
+/// A control step is `begin` (the first substep up to the actuators' commands) and `advance` (the rest of that substep
+/// and the following ones). robosuite's `OSC_POSE` is computed in every substep by `ocplanner_core::osc`.
+///
+/// Args:
+///     model: a `mujoco.MjModel`.
+///     data: its `mujoco.MjData`.
+///     eef_site: index of the site that is controlled.
+///     base_site: index of the site whose frame an action is expressed in.
+///     joint_qpos: indices of the arm's joints in `qpos`, at most 8.
+///     joint_qvel: indices of the same joints in `qvel`.
+///     arm_actuators: indices of the joints' torque actuators.
+///     gripper_actuators: indices of the gripper's actuators.
+///     world_frame: actions are expressed in the world frame instead of the base site's.
+///     uncouple: position and orientation are controlled as if they did not couple.
+///     lite_physics: `mj_step1` and `mj_step2` around the controller; otherwise `mj_forward` before and `mj_step` after.
+///
+/// Raises:
+///     ShapeError: if the index lists' lengths differ or an array is not laid out as the model says.
+///     InvalidValueError: if an index is outside its array, or the data belong to another model.
+///     VersionError: if the loaded MuJoCo library is not found or its version is not the module's.
+#[pyclass(module = "ocplanner._core")]
+pub struct ControlLoop {
+    plant: Plant,
+}
+
+#[pymethods]
+impl ControlLoop {
+    #[new]
+    #[pyo3(signature = (model, data, *, eef_site, base_site, joint_qpos, joint_qvel, arm_actuators, gripper_actuators,
+        world_frame=false, uncouple=true, lite_physics=true))]
+    #[expect(clippy::too_many_arguments, reason = "keyword-only in Python")]
+    fn new(
+        model: &Bound<'_, PyAny>,
+        data: &Bound<'_, PyAny>,
+        eef_site: usize,
+        base_site: usize,
+        joint_qpos: Vec<usize>,
+        joint_qvel: Vec<usize>,
+        arm_actuators: Vec<usize>,
+        gripper_actuators: Vec<usize>,
+        world_frame: bool,
+        uncouple: bool,
+        lite_physics: bool,
+    ) -> PyResult<Self> {
+        let wiring = Wiring {
+            eef_site,
+            base_site,
+            joint_qpos,
+            joint_qvel,
+            arm_actuators,
+            gripper_actuators,
+            frame: if world_frame { ActionFrame::World } else { ActionFrame::Base },
+            uncouple,
+            lite_physics,
+        };
+        Ok(Self { plant: Plant::new(model, data, wiring)? })
+    }
+
+    /// Begins a control step: the first substep's kinematics, the goal, the torques and the actuators' commands.
+    ///
+    /// Args:
+    ///     delta: (6,) float64, the displacement of the goal: metres, then axis times angle in radians.
+    ///     gripper: (gripper actuators,) float64, the gripper's commands, clipped to their control range.
+    ///     stiffness: (6,) float64, 1/s^2.
+    ///     damping: (6,) float64, 1/s.
+    ///     posture: (joints,) float64, the joint positions that the null space tends to, rad.
+    ///
+    /// Raises:
+    ///     ShapeError: if an array's length differs.
+    ///     InvalidValueError: if a number is not finite.
+    fn begin(
+        &mut self,
+        py: Python<'_>,
+        delta: &Bound<'_, PyAny>,
+        gripper: &Bound<'_, PyAny>,
+        stiffness: &Bound<'_, PyAny>,
+        damping: &Bound<'_, PyAny>,
+        posture: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let plant = &mut self.plant;
+        let joints = plant.state.joints;
+        let delta = numbers::<6>("delta", delta, 6)?;
+        plant.gains.stiffness = numbers::<6>("stiffness", stiffness, 6)?;
+        plant.gains.damping = numbers::<6>("damping", damping, 6)?;
+        plant.posture = numbers::<MAX_JOINTS>("posture", posture, joints)?;
+        let count = plant.gripper.len();
+        let command = numbers::<MAX_GRIPPER_ACTUATORS>("gripper", gripper, count)?;
+        plant.gripper.copy_from_slice(&command[..count]);
+        py.detach(|| plant.begin(&delta));
+        Ok(())
+    }
+
+    /// Runs `substeps` substeps of the control step, the one begun included.
+    ///
+    /// Raises:
+    ///     InvalidValueError: before the first `begin`.
+    fn advance(&mut self, py: Python<'_>, substeps: usize) -> PyResult<()> {
+        if !self.plant.has_goal() {
+            return Err(named(py, "InvalidValueError", "advance: no control step has begun".to_owned()));
+        }
+        let plant = &mut self.plant;
+        py.detach(|| plant.advance(substeps));
+        Ok(())
+    }
+
+    /// What the controller measured last, world frame: the end effector's position (3,) m, rotation (3, 3) and velocity
+    /// (6,), its Jacobian (6, joints), the inertia (joints, joints), and the joints' positions and velocities (joints,).
+    fn measured<'py>(&self, py: Python<'py>) -> PyResult<Measured<'py>> {
+        let state = &self.plant.state;
+        let n = state.joints;
+        let matrix = |rows: &[Joints]| -> PyResult<Bound<'py, PyArray2<f64>>> {
+            let flat: Vec<f64> = rows.iter().flat_map(|row| row[..n].iter().copied()).collect();
+            flat.into_pyarray(py).reshape([rows.len(), n])
+        };
+        Ok((
+            PyArray1::from_slice(py, &state.eef.position),
+            PyArray1::from_slice(py, state.eef.rotation.as_flattened()).reshape([3, 3])?,
+            PyArray1::from_slice(py, &state.eef.velocity),
+            matrix(&state.jacobian)?,
+            matrix(&state.inertia[..n])?,
+            PyArray1::from_slice(py, &state.position[..n]),
+            PyArray1::from_slice(py, &state.velocity[..n]),
+        ))
+    }
+
+    /// Makes the next `begin` use this measurement instead of the simulation's state, as robosuite does in the first
+    /// substep after a reset. The arguments are those that `measured` returns, float64.
+    ///
+    /// Raises:
+    ///     ShapeError: if an array has another shape.
+    ///     InvalidValueError: if a number is not finite.
+    #[expect(clippy::too_many_arguments, reason = "the parts of one measurement")]
+    fn remember(
+        &mut self,
+        py: Python<'_>,
+        position: &Bound<'_, PyAny>,
+        rotation: &Bound<'_, PyAny>,
+        velocity: &Bound<'_, PyAny>,
+        jacobian: &Bound<'_, PyAny>,
+        inertia: &Bound<'_, PyAny>,
+        joint_position: &Bound<'_, PyAny>,
+        joint_velocity: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let joints = self.plant.state.joints;
+        let mut state = ArmState::new(joints).map_err(|error| to_python(py, &error))?;
+        state.eef = Site {
+            position: numbers::<3>("position", position, 3)?,
+            rotation: rows("rotation", rotation, &[3, 3])?,
+            velocity: numbers::<6>("velocity", velocity, 6)?,
+        };
+        state.jacobian = rows("jacobian", jacobian, &[6, joints])?;
+        state.inertia = rows("inertia", inertia, &[joints, joints])?;
+        state.position = numbers::<MAX_JOINTS>("joint_position", joint_position, joints)?;
+        state.velocity = numbers::<MAX_JOINTS>("joint_velocity", joint_velocity, joints)?;
+        self.plant.remember(state);
+        Ok(())
+    }
+
+    /// (3,) float64: the goal's position in the frame of the actions, metres.
+    #[getter]
+    fn goal_position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.plant.goal.position)
+    }
+
+    /// (3, 3) float64: the goal's rotation, end effector -> frame of the actions.
+    #[getter]
+    fn goal_rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        PyArray1::from_slice(py, self.plant.goal.rotation.as_flattened()).reshape([3, 3])
+    }
+
+    /// (joints,) float64: the torques computed last, gravity compensation included, before clipping, N m.
+    #[getter]
+    fn torques<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.plant.torques[..self.plant.state.joints])
+    }
+}
+
+/// A vector of `length` finite numbers, padded with zeros.
+fn numbers<const N: usize>(what: &str, value: &Bound<'_, PyAny>, length: usize) -> PyResult<[f64; N]> {
+    let [row] = rows(what, value, &[length])?;
+    Ok(row)
+}
+
+/// Finite numbers in an array of this shape, row by row, padded with zeros.
+fn rows<const R: usize, const C: usize>(
+    what: &str,
+    value: &Bound<'_, PyAny>,
+    shape: &[usize],
+) -> PyResult<[[f64; C]; R]> {
+    let array = view::<f64>(what, value, &format!("{shape:?}"), shape)?;
+    let values = array.as_slice()?;
+    let py = value.py();
+    if array.ndim() != shape.len() {
+        return Err(shape_error(py, format!("{what}: expected shape {shape:?}, found {:?}", array.shape())));
+    }
+    if let Some(number) = values.iter().find(|number| !number.is_finite()) {
+        return Err(named(py, "InvalidValueError", format!("{what}: {number} is not finite")));
+    }
+    let columns = shape.last().copied().unwrap_or(0);
+    let mut padded = [[0.0; C]; R];
+    for (to, from) in padded.iter_mut().zip(values.chunks_exact(columns.max(1))) {
+        to[..columns].copy_from_slice(from);
+    }
+    Ok(padded)
+}
