@@ -6,7 +6,9 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
+
+from ocplanner.progress import counting_columns
 
 
 @dataclass(frozen=True)
@@ -36,14 +38,7 @@ class Collect:
         from ocplanner.demos.collect import collect
 
         console = Console()
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
             bar = progress.add_task(f"{self.task}, {self.robot}", total=self.episodes)
             failed = 0
 

@@ -6,12 +6,13 @@ from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.frames import RenderSettings
 from ocplanner.demos.render import render_dataset
 from ocplanner.envs.observation import Observe
+from ocplanner.progress import counting_columns
 
 
 @dataclass(frozen=True)
@@ -63,17 +64,9 @@ class Render:
         with Demonstrations(self.source) as demos:
             total = len(demos.names[: self.limit])
         console = Console(stderr=True)
-        columns = (
-            TextColumn("rendering"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("demonstrations, {task.fields[rate]} steps/s, elapsed"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
+        columns = counting_columns("demonstrations, {task.fields[rate]} steps/s")
         with Progress(*columns, console=console) as bar:
-            line = bar.add_task("", total=total, rate="-")
+            line = bar.add_task("rendering", total=total, rate="-")
             steps = 0
 
             def advance(_: str, length: int) -> None:

@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.progress import counting_columns
 
 
 @dataclass(frozen=True)
@@ -53,14 +54,7 @@ class Transfer:
         planner = Planner.load(self.planner)
         out = self.out or result_path(planner, self.robot, self.follow, self.mask_error)
         console = Console()
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
             bar = progress.add_task(self.robot, total=self.episodes)
             successes = 0
 
