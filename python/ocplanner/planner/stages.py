@@ -4,6 +4,7 @@ Every random number of a step comes from a generator seeded by (seed, stage, ste
 exactly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -69,6 +70,15 @@ class Material:
         """Errors of normalised plans (N, H, 3 or 9) for the frames."""
         positions, rotations = self.normaliser.decode(numbers)
         return plan_errors(positions, frames.positions, rotations, frames.rotations, frames.remaining)
+
+    def validate_plans(self, loss: Callable[[dict[str, Tensor], np.ndarray], Tensor]) -> dict[str, float]:
+        """``valid_loss``, the mean of ``loss`` over clean held-out images (with their rows), and plan errors."""
+        total = 0.0
+        with torch.inference_mode():
+            for rows in chunks(len(self.valid)):
+                total += float(loss(self.clean_images(self.valid, rows), rows)) * len(rows)
+        errors = self.errors(self.plan(self.valid), self.valid)
+        return {"valid_loss": total / len(self.valid), **errors.as_row()}
 
 
 class Stage(Protocol):
@@ -158,15 +168,8 @@ class PredictorStage:
 
     def validate(self) -> dict[str, float]:
         """The same loss on clean images, and errors of the plans."""
-        material = self.material
         self.module.eval()
-        total = 0.0
-        with torch.inference_mode():
-            for rows in chunks(len(material.valid)):
-                images = material.clean_images(material.valid, rows)
-                total += float(self._loss(images, self.valid_posterior, rows)) * len(rows)
-        errors = material.errors(material.plan(material.valid), material.valid)
-        return {"valid_loss": total / len(material.valid), **errors.as_row()}
+        return self.material.validate_plans(lambda images, rows: self._loss(images, self.valid_posterior, rows))
 
 
 class FinetuneStage:
@@ -191,15 +194,9 @@ class FinetuneStage:
 
     def validate(self) -> dict[str, float]:
         """The same loss on clean images, and errors of the plans."""
-        material = self.material
         self.module.eval()
-        total = 0.0
-        with torch.inference_mode():
-            for rows in chunks(len(material.valid)):
-                images = material.clean_images(material.valid, rows)
-                total += float(self._loss(images, material.valid_targets[rows])) * len(rows)
-        errors = material.errors(material.plan(material.valid), material.valid)
-        return {"valid_loss": total / len(material.valid), **errors.as_row()}
+        targets = self.material.valid_targets
+        return self.material.validate_plans(lambda images, rows: self._loss(images, targets[rows]))
 
 
 STAGES: tuple[type[VaeStage] | type[PredictorStage] | type[FinetuneStage], ...] = (
