@@ -24,25 +24,16 @@ CONTROL_LOOPS = ("native", "stock")
 _RESTARTS = 6
 
 
-def make_env(
-    task: str | Task,
-    robot: str | RobotSpec = "Panda",
-    *,
-    cameras: tuple[str, ...] | None = None,
-    image_size: int = 84,
-    visual: str = "fast",
-    observe: str = "full",
-    patches: tuple[str, ...] | None = None,
-    control: str = "native",
-    seed: int = 0,
-    horizon: int | None = None,
-) -> "ManipulationEnv":
-    """Put an arm before a task.
+class ManipulationEnv:
+    """One arm on one task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
+
+    All poses are in robosuite's world frame, metres; pictures are upright (h, w, 3) uint8. Use it as a context manager,
+    or call :meth:`close`.
 
     Args:
         task: a task or its name.
         robot: an arm or its name.
-        cameras: cameras that :meth:`ManipulationEnv.observe` draws; the task's own if not given.
+        cameras: cameras that :meth:`observe` draws; the task's own if not given.
         image_size: width and height of those pictures, pixels.
         visual: visual preset, ``"fast"`` or ``"stock"``.
         observe: what the pictures show: ``"full"``, ``"masked"`` (the robot painted flat) or ``"no-robot"``.
@@ -50,48 +41,20 @@ def make_env(
         control: who runs the control loop: ``"native"``, or ``"stock"`` for robosuite, several times slower. Both give
             the same torques; ``"native"`` warns and falls back where it cannot.
         seed: seed of the first episode.
-        horizon: control steps of an episode; the task's own if not given.
+        horizon: control steps of an episode; the task's own if not given. Reaching it ends nothing by itself.
+
+    Attributes (and the other arguments, resolved, under their own names):
+        observe_mode: what the pictures show.
+        steps: control steps since the last reset.
 
     Raises:
         UnknownNameError: a name is not known; the message lists those that are.
     """
-    return ManipulationEnv(
-        task_of_name(task) if isinstance(task, str) else task,
-        robot_spec(robot) if isinstance(robot, str) else robot,
-        cameras=cameras,
-        image_size=image_size,
-        visual=visual,
-        observe=observe,
-        patches=patches,
-        control=control,
-        seed=seed,
-        horizon=horizon,
-    )
-
-
-class ManipulationEnv:
-    """One arm on one task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
-
-    All poses are in robosuite's world frame, metres; pictures are upright (h, w, 3) uint8. Arguments as for
-    :func:`make_env`. Use it as a context manager, or call :meth:`close`.
-
-    Attributes:
-        task: the task.
-        robot: the arm.
-        cameras: cameras that :meth:`observe` draws.
-        image_size: side of those pictures, pixels.
-        visual: the visual preset.
-        observe_mode: what the pictures show.
-        patches: names of the corrections applied to the model.
-        control: who runs the control loop.
-        horizon: control steps of an episode; reaching it ends nothing by itself.
-        steps: control steps since the last reset.
-    """
 
     def __init__(
         self,
-        task: Task,
-        robot: RobotSpec,
+        task: str | Task,
+        robot: str | RobotSpec = "Panda",
         *,
         cameras: tuple[str, ...] | None = None,
         image_size: int = 84,
@@ -106,8 +69,8 @@ class ManipulationEnv:
             raise UnknownNameError("observation", observe, OBSERVE_MODES)
         if control not in CONTROL_LOOPS:
             raise UnknownNameError("control loop", control, CONTROL_LOOPS)
-        self.task = task
-        self.robot = robot
+        self.task = task = task_of_name(task) if isinstance(task, str) else task
+        self.robot = robot = robot_spec(robot) if isinstance(robot, str) else robot
         self.cameras = task.cameras if cameras is None else tuple(cameras)
         self.image_size = image_size
         self.visual = visual_preset(visual)
@@ -324,3 +287,7 @@ class ManipulationEnv:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+make_env = ManipulationEnv
+"""Puts an arm before a task: the class by the name of what calling it does."""
