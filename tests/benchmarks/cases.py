@@ -1,0 +1,149 @@
+"""What ``bench_core.py`` measures: one class a kind of job, one entry of :data:`CASES` a row."""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy_delta_pose import delta_pose_action
+from peers import PEERS, Absent, Images
+from planner_weights import PlannerWeights
+from random_planner import random_images, write_random_planner
+from timing import Timing, interleaved
+
+from ocplanner import Planner, _core
+
+_TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
+
+_RESNET18 = {
+    "horizon": 50,
+    "latent": 32,
+    "encoder": {"type": "resnet18", "pool": "spatial_softmax", "keypoints": 32, "feature": 64},
+    "predictor": {"hidden": [1024, 1024]},
+    "decoder": {"hidden": 256},
+}
+"""The ``robomimic`` preset's network at the paper's longest horizon."""
+
+_FARTHEST = {"f32": 1e-3, "bf16": 1e-2}
+"""How far (m, and per entry of a rotation) our plan may be from a peer's float32 one, by our storage."""
+
+_SETTLE_S = 0.003
+"""Sleep before a timing where peers have threads: their idle spinning must not slow the next."""
+
+
+class DisagreementError(Exception):
+    """Two sides do not compute the same: their times must not be compared."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Times of one case by side, ``ours`` among them, and why peers are absent."""
+
+    timings: dict[str, Timing]
+    absent: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PlanCase:
+    """Plans of a batch of images, against every peer."""
+
+    encoder: str
+    batch: int
+    storage: str
+    threads: int
+    unit: str = "ms"
+
+    def measure(self, seconds: float, skip: list[str]) -> Measured:
+        """Check that all sides agree, then time them.
+
+        Raises:
+            DisagreementError: a peer's plan differs from ours.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = _planner_file(self.encoder, Path(folder))
+            planner = Planner.load(path, storage=self.storage)
+            weights = PlannerWeights.load(path)
+        images = random_images(weights.config, self.batch)
+        absent: dict[str, str] = {}
+        sides: dict[str, Callable[[], object]] = {"ours": lambda: planner.plan(images, threads=self.threads)}
+        for name, kind in PEERS.items():
+            if name in skip:
+                absent[name] = "skipped"
+                continue
+            try:
+                peer = kind(weights, self.batch, self.threads)
+            except Absent as reason:
+                absent[name] = str(reason)
+                continue
+            _check_plans(name, planner, peer.plan(images), images, _FARTHEST[self.storage])
+            sides[name] = lambda peer=peer: peer.plan(images)
+        return Measured(interleaved(sides, seconds, pause=_SETTLE_S if self.threads > 1 else 0.0), absent)
+
+
+@dataclass(frozen=True)
+class DeltaPoseCase:
+    """One control step's action from poses, against NumPy."""
+
+    unit: str = "us"
+
+    def measure(self, seconds: float, skip: list[str]) -> Measured:
+        """Check that both sides agree on many poses, then time one call.
+
+        Raises:
+            DisagreementError: the actions differ.
+        """
+        for seed in range(100):
+            poses = _random_poses(seed)
+            apart = np.abs(_core.delta_pose_action(*poses) - delta_pose_action(*poses)).max()
+            if not apart < 1e-6:
+                raise DisagreementError(f"numpy's action is {apart:.1e} from ours")
+        sides: dict[str, Callable[[], object]] = {
+            "ours": lambda: _core.delta_pose_action(*poses),
+            "numpy": lambda: delta_pose_action(*poses),
+        }
+        return Measured(interleaved(sides, seconds, repeat=200))
+
+
+def _planner_file(encoder: str, folder: Path) -> Path:
+    if encoder == "cpu h20":
+        return _TRAINED
+    path = folder / "planner.safetensors"
+    write_random_planner(path, **_RESNET18)
+    return path
+
+
+def _check_plans(name: str, planner: Planner, theirs: tuple, images: Images, farthest: float) -> None:
+    ours = planner.plan(images)
+    for what, mine, other in (("position", ours.position, theirs[0]), ("rotation", ours.rotation, theirs[1])):
+        if mine.shape != other.shape:
+            raise DisagreementError(f"{name}: {what} has shape {other.shape}, ours {mine.shape}")
+        apart = np.abs(mine - other).max()
+        if not apart < farthest:
+            raise DisagreementError(f"{name}: {what} is up to {apart:.1e} from ours, allowed is {farthest:.0e}")
+
+
+def _random_poses(seed: int) -> tuple:
+    """An object, its target 3 cm and 0.4 rad away, the end effector that holds it, and the base's rotation."""
+    rng = np.random.default_rng(seed)
+
+    def rotation(largest: float) -> np.ndarray:
+        axis = rng.standard_normal(3)
+        return _core.rotation_exp(axis * largest / np.linalg.norm(axis))
+
+    at, turned = rng.uniform(-0.3, 0.3, 3), rotation(2.0)
+    target = (at + rng.uniform(-0.03, 0.03, 3), rotation(0.4) @ turned)
+    return (at, turned), target, (at + rng.uniform(-0.05, 0.05, 3), rotation(3.0)), rotation(1.0)
+
+
+CASES: dict[str, PlanCase | DeltaPoseCase] = {
+    "resnet18 h50 batch 1 f32 1 thread": PlanCase("resnet18 h50", 1, "f32", 1),
+    "resnet18 h50 batch 1 bf16 1 thread": PlanCase("resnet18 h50", 1, "bf16", 1),
+    "resnet18 h50 batch 64 f32 1 thread": PlanCase("resnet18 h50", 64, "f32", 1),
+    "resnet18 h50 batch 64 f32 2 threads": PlanCase("resnet18 h50", 64, "f32", 2),
+    "cpu h20 batch 1 f32 1 thread": PlanCase("cpu h20", 1, "f32", 1),
+    "cpu h20 batch 64 f32 1 thread": PlanCase("cpu h20", 64, "f32", 1),
+    "cpu h20 batch 64 f32 2 threads": PlanCase("cpu h20", 64, "f32", 2),
+    "delta-pose step": DeltaPoseCase(),
+}
+"""Case name -> how it is measured; the name spells out encoder, horizon, batch, our weight storage and threads."""
