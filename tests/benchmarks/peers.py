@@ -51,13 +51,15 @@ class TorchEager:
 
 
 class TorchCompile(TorchEager):
-    """The same module through torch.compile: fixed shapes, weights frozen into the graph and prepacked."""
+    """The same module through torch.compile: fixed shapes, one graph with the LSTM in it, weights frozen and prepacked."""
 
     def __init__(self, weights: PlannerWeights, batch: int, threads: int) -> None:
         super().__init__(weights, batch, threads)
         try:
+            import torch._dynamo.config as dynamo
             import torch._inductor.config as inductor
 
+            dynamo.allow_rnn = True
             inductor.freezing = True
             self._model = self._torch.compile(self._model, dynamic=False)
             size = weights.config["image_size"]

@@ -15,6 +15,9 @@ use crate::weights::{WeightFile, fault};
 /// Images that go through the network together.
 const CHUNK: usize = 16;
 
+/// Threads that one call starts at most, whatever it is asked for.
+const MOST_THREADS: usize = 256;
+
 /// What the engine needs of a planner's configuration; the file holds more.
 #[derive(Debug, Clone, Deserialize)]
 pub struct PlannerConfig {
@@ -83,10 +86,11 @@ pub struct DecoderConfig {
 impl PlannerConfig {
     fn check(&self) -> Result<()> {
         const LARGEST: usize = 1 << 16;
+        // A few bytes of file must not ask for gigabytes of memory.
+        const LARGEST_IMAGE: usize = 1024;
+        const LARGEST_DECODING: usize = 1 << 22;
         let sizes = [
             ("horizon", self.horizon),
-            ("image_size", self.image_size),
-            ("crop", self.crop),
             ("latent", self.latent),
             ("modes", self.modes),
             ("encoder.feature", self.encoder.feature),
@@ -98,6 +102,15 @@ impl PlannerConfig {
             if !(1..=LARGEST).contains(&size) {
                 return Err(fault(format!("configuration: {name} is {size}")));
             }
+        }
+        for (name, size) in [("image_size", self.image_size), ("crop", self.crop)] {
+            if !(1..=LARGEST_IMAGE).contains(&size) {
+                return Err(fault(format!("configuration: {name} is {size}, more than {LARGEST_IMAGE} or zero")));
+            }
+        }
+        let decoding = [self.horizon, self.modes, self.decoder.hidden].iter().product::<usize>();
+        if decoding > LARGEST_DECODING {
+            return Err(fault(format!("configuration: horizon x modes x decoder.hidden is {decoding}")));
         }
         if self.crop > self.image_size {
             return Err(fault(format!("configuration: crop {} of images of {}", self.crop, self.image_size)));
@@ -324,7 +337,7 @@ impl Planner {
     where
         W: FnOnce(&mut Workspace) -> Result<()> + Send,
     {
-        let parts = threads.clamp(1, batch.max(1));
+        let parts = threads.clamp(1, MOST_THREADS).min(batch.max(1));
         let range = |part: usize| part * batch / parts..(part + 1) * batch / parts;
         let run = |work: W| {
             let mut workspace = self.lock().pop().unwrap_or_default();
@@ -412,7 +425,7 @@ impl Planner {
                     latents[at..at + config.latent].copy_from_slice(&row[2 * mode * config.latent..][..config.latent]);
                     latents[at + config.latent..at + latent_stride].fill(0.0);
                     part.probability[start * per_image + chosen.len() - per_image + slot] =
-                        probability(config, row, mode);
+                        probability(config, row, mode)?;
                 }
             }
             let decoded = self.decoder.run(chosen.len(), horizon, &latents, latent_stride, &mut workspace.decoder);
@@ -465,12 +478,20 @@ fn best_mode(config: &PlannerConfig, row: &[f32]) -> usize {
     best
 }
 
-fn probability(config: &PlannerConfig, row: &[f32], mode: usize) -> f64 {
+fn probability(config: &PlannerConfig, row: &[f32], mode: usize) -> Result<f64> {
     if config.modes == 1 {
-        return 1.0;
+        return Ok(1.0);
     }
     let all = logits(config, row);
-    1.0 / all.iter().map(|&other| (f64::from(other) - f64::from(all[mode])).exp()).sum::<f64>()
+    let belief = 1.0 / all.iter().map(|&other| (f64::from(other) - f64::from(all[mode])).exp()).sum::<f64>();
+    if belief.is_nan() {
+        return Err(Error::Value {
+            what: "probability of a plan",
+            found: belief.to_string(),
+            expected: "a number: the weights overflow on this image",
+        });
+    }
+    Ok(belief)
 }
 
 fn load_predictor(

@@ -2,6 +2,7 @@
 
 use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray};
 use numpy::{PyUntypedArrayMethods, dtype};
+use pyo3::intern;
 use pyo3::prelude::*;
 
 use crate::errors::shape_error;
@@ -37,6 +38,15 @@ pub fn view<'py, T: Element>(
         return Err(shape_error(py, format!("{what}: {}, {remedy}", expected())));
     }
     array.try_readonly().map_err(|_| shape_error(py, format!("{what}: the array is being written elsewhere")))
+}
+
+/// The values of a (T,) array of bool.
+///
+/// NumPy lets such an array hold other bytes than 0 and 1, which a Rust `bool` must not: they are read as bytes.
+pub fn flags(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
+    let checked = view_rows::<bool>(what, value, "(T,)", &[])?;
+    let bytes = checked.call_method1(intern!(value.py(), "view"), (dtype::<u8>(value.py()),))?;
+    Ok(view::<u8>(what, &bytes, "(T,)", &[])?.as_slice()?.iter().map(|byte| *byte != 0).collect())
 }
 
 /// As [`view`], of an array with exactly one axis before the trailing ones.

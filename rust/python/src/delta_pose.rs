@@ -7,10 +7,11 @@ use ocplanner_core::error::{Error, Result};
 use ocplanner_core::pose::{Pose, check_rotation};
 use pyo3::prelude::*;
 
+use crate::arguments::{Pair, name};
 use crate::errors::to_python;
 
-type PoseArrays<'py> = (PyReadonlyArray1<'py, f64>, PyReadonlyArray2<'py, f64>);
-type PoseBatch<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray3<'py, f64>);
+type PoseArrays<'py> = Pair<PyReadonlyArray1<'py, f64>, PyReadonlyArray2<'py, f64>>;
+type PoseBatch<'py> = Pair<PyReadonlyArray2<'py, f64>, PyReadonlyArray3<'py, f64>>;
 
 fn vector(what: &'static str, view: ArrayView1<'_, f64>) -> Result<[f64; 3]> {
     match view.len() {
@@ -26,7 +27,7 @@ fn matrix(what: &'static str, view: ArrayView2<'_, f64>) -> Result<[[f64; 3]; 3]
     Ok(std::array::from_fn(|i| std::array::from_fn(|j| view[[i, j]])))
 }
 
-fn pose(what: &'static str, (position, rotation): &PoseArrays<'_>) -> Result<Pose> {
+fn pose(what: &'static str, Pair(position, rotation): &PoseArrays<'_>) -> Result<Pose> {
     core::checked_pose(what, vector(what, position.as_array())?, matrix(what, rotation.as_array())?)
 }
 
@@ -36,7 +37,7 @@ fn base(rotation: &PyReadonlyArray2<'_, f64>) -> Result<[[f64; 3]; 3]> {
     Ok(rotation)
 }
 
-fn poses(what: &'static str, (positions, rotations): &PoseBatch<'_>) -> Result<Vec<Pose>> {
+fn poses(what: &'static str, Pair(positions, rotations): &PoseBatch<'_>) -> Result<Vec<Pose>> {
     let (positions, rotations) = (positions.as_array(), rotations.as_array());
     same_length(what, positions.len_of(Axis(0)), rotations)?;
     positions
@@ -165,7 +166,7 @@ impl DeltaPoseController {
     #[pyo3(signature = (follow="gated", *, gate_position=0.025, gate_rotation=0.2, law=None))]
     fn new(
         py: Python<'_>,
-        follow: &str,
+        #[pyo3(from_py_with = name)] follow: &str,
         gate_position: f64,
         gate_rotation: f64,
         law: Option<&DeltaPoseLaw>,

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod arguments;
 mod arrays;
 mod delta_pose;
 mod errors;

@@ -4,6 +4,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMetho
 use ocplanner_core::osc::{ActionFrame, ArmState, Joints, MAX_JOINTS, Site};
 use pyo3::prelude::*;
 
+use crate::arguments::{count, counts};
 use crate::arrays::view;
 use crate::errors::{named, shape_error, to_python};
 use crate::plant::{MAX_GRIPPER_ACTUATORS, Plant, Wiring};
@@ -60,12 +61,12 @@ impl ControlLoop {
     fn new(
         model: &Bound<'_, PyAny>,
         data: &Bound<'_, PyAny>,
-        eef_site: usize,
-        base_site: usize,
-        joint_qpos: Vec<usize>,
-        joint_qvel: Vec<usize>,
-        arm_actuators: Vec<usize>,
-        gripper_actuators: Vec<usize>,
+        #[pyo3(from_py_with = count)] eef_site: usize,
+        #[pyo3(from_py_with = count)] base_site: usize,
+        #[pyo3(from_py_with = counts)] joint_qpos: Vec<usize>,
+        #[pyo3(from_py_with = counts)] joint_qvel: Vec<usize>,
+        #[pyo3(from_py_with = counts)] arm_actuators: Vec<usize>,
+        #[pyo3(from_py_with = counts)] gripper_actuators: Vec<usize>,
         world_frame: bool,
         uncouple: bool,
         lite_physics: bool,
@@ -122,7 +123,7 @@ impl ControlLoop {
     ///
     /// Raises:
     ///     InvalidValueError: before the first `begin`.
-    fn advance(&mut self, py: Python<'_>, substeps: usize) -> PyResult<()> {
+    fn advance(&mut self, py: Python<'_>, #[pyo3(from_py_with = count)] substeps: usize) -> PyResult<()> {
         if !self.plant.has_goal() {
             return Err(named(py, "InvalidValueError", "advance: no control step has begun".to_owned()));
         }

@@ -7,6 +7,7 @@ use ocplanner_core::planner::{self as core, Modes, Outputs, Plans};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
+use crate::arguments::{count, name, optional_count};
 use crate::arrays::view_rows;
 use crate::errors::{shape_error, to_python, unknown_name};
 
@@ -21,7 +22,7 @@ impl PlannerEngine {
     /// Loads the bytes of a planner file, with `storage` "f32" or "bf16" for the weights.
     #[new]
     #[pyo3(signature = (data, storage="f32"))]
-    fn new(py: Python<'_>, data: &Bound<'_, PyBytes>, storage: &str) -> PyResult<Self> {
+    fn new(py: Python<'_>, data: &Bound<'_, PyBytes>, #[pyo3(from_py_with = name)] storage: &str) -> PyResult<Self> {
         let storage = match storage {
             "f32" => Storage::F32,
             "bf16" => Storage::Bf16,
@@ -46,8 +47,8 @@ impl PlannerEngine {
         py: Python<'py>,
         images: Vec<Bound<'py, PyAny>>,
         all_modes: bool,
-        threads: usize,
-        steps: Option<usize>,
+        #[pyo3(from_py_with = count)] threads: usize,
+        #[pyo3(from_py_with = optional_count)] steps: Option<usize>,
     ) -> PyResult<Arrays<'py>> {
         let (views, batch) = self.views(py, &images)?;
         let slices = slices(&views)?;
@@ -74,7 +75,7 @@ impl PlannerEngine {
         &self,
         py: Python<'py>,
         images: Vec<Bound<'py, PyAny>>,
-        threads: usize,
+        #[pyo3(from_py_with = count)] threads: usize,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (views, batch) = self.views(py, &images)?;
         let slices = slices(&views)?;

@@ -6,6 +6,7 @@ use ocplanner_core::error::Result;
 use ocplanner_core::pose::{self as core, Matrix3, Pose};
 use pyo3::prelude::*;
 
+use crate::arguments::Pair;
 use crate::arrays::view;
 use crate::errors::{shape_error, to_python};
 
@@ -126,9 +127,9 @@ fn geodesic_angle<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult
     finish(py, angles, &first.shape()[..first.shape().len() - 2])
 }
 
-type Pair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
+type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Bound<'py, PyAny>>;
 
-fn one_pose(name: &str, (position, rotation): &Pair<'_>) -> PyResult<Pose> {
+fn one_pose(name: &str, Pair(position, rotation): &PoseArrays<'_>) -> PyResult<Pose> {
     let position = view::<f64>(&format!("{name} position"), position, "(3,)", &[3])?;
     let rotation = view::<f64>(&format!("{name} rotation"), rotation, "(3, 3)", &[3, 3])?;
     let (p, r) = (position.as_slice()?, rotation.as_slice()?);
@@ -148,15 +149,15 @@ fn pose_arrays<'py>(py: Python<'py>, pose: &Pose) -> PyResult<(Output<'py>, Outp
 #[pyfunction]
 fn compose_poses<'py>(
     py: Python<'py>,
-    pose_a_b: Pair<'py>,
-    pose_b_c: Pair<'py>,
+    pose_a_b: PoseArrays<'py>,
+    pose_b_c: PoseArrays<'py>,
 ) -> PyResult<(Output<'py>, Output<'py>)> {
     pose_arrays(py, &one_pose("pose_a_b", &pose_a_b)?.compose(&one_pose("pose_b_c", &pose_b_c)?))
 }
 
 /// `pose_b_a` of `pose_a_b`.
 #[pyfunction]
-fn invert_pose<'py>(py: Python<'py>, pose_a_b: Pair<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
+fn invert_pose<'py>(py: Python<'py>, pose_a_b: PoseArrays<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
     pose_arrays(py, &one_pose("pose_a_b", &pose_a_b)?.inverse())
 }
 

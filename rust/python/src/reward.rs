@@ -4,11 +4,12 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
 use ocplanner_core::reward::{self as core, Episode, Form, Poses, Rewards};
 use pyo3::prelude::*;
 
-use crate::arrays::view_rows;
+use crate::arguments::{Pair, count, name};
+use crate::arrays::{flags, view_rows};
 use crate::errors::{shape_error, to_python, unknown_name};
 use crate::planner::{PlannerEngine, slices};
 
-type PoseArrays<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Option<Bound<'py, PyAny>>>;
 type Terms<'py> = (Bound<'py, PyArray1<f64>>, Option<Bound<'py, PyArray1<f64>>>, Bound<'py, PyArray1<f64>>);
 
 /// Checked views of poses, as the core reads them.
@@ -18,7 +19,7 @@ struct PoseViews<'py> {
 }
 
 impl<'py> PoseViews<'py> {
-    fn new(what: &str, (position, rotation): &PoseArrays<'py>) -> PyResult<Self> {
+    fn new(what: &str, Pair(position, rotation): &PoseArrays<'py>) -> PyResult<Self> {
         let position = view_rows::<f64>(&format!("{what} position"), position, "(T, 3)", &[3])?;
         let name = format!("{what} rotation");
         let rotation = rotation.as_ref().map(|array| view_rows::<f64>(&name, array, "(T, 3, 3)", &[3, 3]));
@@ -44,7 +45,7 @@ impl RewardLaw {
     #[pyo3(signature = (form="penalty", *, weight_position=0.003, weight_rotation=0.003, scale=2.5e-4, gamma=0.99))]
     fn new(
         py: Python<'_>,
-        form: &str,
+        #[pyo3(from_py_with = name)] form: &str,
         weight_position: f64,
         weight_rotation: f64,
         scale: f64,
@@ -72,10 +73,10 @@ impl RewardLaw {
         terminal: bool,
     ) -> PyResult<Terms<'py>> {
         let (planned, achieved) = (PoseViews::new("planned", &planned)?, PoseViews::new("achieved", &achieved)?);
-        let grasping = view_rows::<bool>("grasping", grasping, "(T,)", &[])?;
-        let (planned, achieved, grasping) = (planned.poses()?, achieved.poses()?, grasping.as_slice()?);
+        let grasping = flags("grasping", grasping)?;
+        let (planned, achieved) = (planned.poses()?, achieved.poses()?);
         let mut rewards = Rewards::default();
-        py.detach(|| self.0.rewards(planned, achieved, grasping, terminal, &mut rewards))
+        py.detach(|| self.0.rewards(planned, achieved, &grasping, terminal, &mut rewards))
             .map_err(|error| to_python(py, &error))?;
         Ok(terms(py, rewards, planned.rotation.is_some()))
     }
@@ -90,20 +91,20 @@ impl RewardLaw {
         images: Vec<Bound<'py, PyAny>>,
         achieved: PoseArrays<'py>,
         grasping: &Bound<'py, PyAny>,
-        step: usize,
+        #[pyo3(from_py_with = count)] step: usize,
         terminal: bool,
-        threads: usize,
+        #[pyo3(from_py_with = count)] threads: usize,
     ) -> PyResult<Terms<'py>> {
         let (views, batch) = planner.views(py, &images)?;
         let images = slices(&views)?;
         let achieved = PoseViews::new("achieved", &achieved)?;
-        let grasping = view_rows::<bool>("grasping", grasping, "(T,)", &[])?;
-        let (achieved, grasping) = (achieved.poses()?, grasping.as_slice()?);
+        let grasping = flags("grasping", grasping)?;
+        let achieved = achieved.poses()?;
         if grasping.len() != batch {
             let message = format!("grasping: {} flags, but there are {batch} images", grasping.len());
             return Err(shape_error(py, message));
         }
-        let episode = Episode { images: &images, achieved, grasping, terminal };
+        let episode = Episode { images: &images, achieved, grasping: &grasping, terminal };
         let mut rewards = Rewards::default();
         py.detach(|| self.0.label(&planner.0, &episode, step, threads, &mut rewards))
             .map_err(|error| to_python(py, &error))?;

@@ -4,8 +4,9 @@ use super::kernels::{Gather, Level, Panels, Product, Storage, matmul, max_pool, 
 use crate::error::Result;
 use crate::weights::fault;
 
-/// Most numbers that the feature maps of one image may hold: offsets must fit 31 bits.
-const MOST_NUMBERS: usize = 1 << 31;
+/// Most numbers that a feature map of one image may hold, 256 MiB: far more than any real planner's, little enough that
+/// a hostile file cannot exhaust the memory, and offsets fit 31 bits.
+const MOST_NUMBERS: usize = 1 << 26;
 
 /// Shape of one image in a buffer: height, width, channels as stored, and the border of zeros around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
