@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy_delta_pose import delta_pose_action
-from peers import PEERS, Absent, Images
+from peers import PEERS, AbsentError, Images
 from planner_weights import PlannerWeights
-from random_planner import random_images, write_random_planner
 from timing import Timing, interleaved
 
 from ocplanner import Planner, _core
+from random_planner import random_images, write_random_planner
 
 _TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
 
@@ -73,7 +73,7 @@ class PlanCase:
                 continue
             try:
                 peer = kind(weights, self.batch, self.threads)
-            except Absent as reason:
+            except AbsentError as reason:
                 absent[name] = str(reason)
                 continue
             _check_plans(name, planner, peer.plan(images), images, _FARTHEST[self.storage])

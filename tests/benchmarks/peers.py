@@ -2,7 +2,7 @@
 
 Every peer does the engine's whole job, from uint8 images to plans in metres and rotation matrices, on the same folded
 weights, in float32, each set up as its own documentation advises for latency. A peer that cannot run here raises
-:class:`Absent` when it is made.
+:class:`AbsentError` when it is made.
 """
 
 import importlib.metadata
@@ -15,7 +15,7 @@ Images = dict[str, np.ndarray]
 Poses = tuple[np.ndarray, np.ndarray]
 
 
-class Absent(Exception):
+class AbsentError(Exception):
     """The peer is not installed, or lacks something that it needs; the message says what."""
 
 
@@ -37,7 +37,7 @@ class TorchEager:
             import torch
             from torch_planner import TorchPlanner
         except ImportError as error:
-            raise Absent(str(error)) from error
+            raise AbsentError(str(error)) from error
         torch.set_num_threads(threads)
         self._torch = torch
         self._cameras = weights.config["cameras"]
@@ -51,7 +51,7 @@ class TorchEager:
 
 
 class TorchCompile(TorchEager):
-    """The same module through torch.compile: fixed shapes, one graph with the LSTM in it, weights frozen and prepacked."""
+    """The same module through torch.compile: fixed shapes, the LSTM in the graph, weights frozen and prepacked."""
 
     def __init__(self, weights: PlannerWeights, batch: int, threads: int) -> None:
         super().__init__(weights, batch, threads)
@@ -66,7 +66,7 @@ class TorchCompile(TorchEager):
             self.plan({camera: np.zeros((batch, size, size, 3), np.uint8) for camera in self._cameras})
         except Exception as error:
             # Inductor reports a missing compiler in many ways; the first line says which.
-            raise Absent(f"torch.compile: {str(error).splitlines()[0][:200]}") from error
+            raise AbsentError(f"torch.compile: {str(error).splitlines()[0][:200]}") from error
 
 
 class OnnxRuntime:
@@ -77,7 +77,7 @@ class OnnxRuntime:
             import onnxruntime
             from onnx_planner import onnx_planner
         except ImportError as error:
-            raise Absent(str(error)) from error
+            raise AbsentError(str(error)) from error
         options = onnxruntime.SessionOptions()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
@@ -99,7 +99,7 @@ class OpenVino:
             import openvino
             from onnx_planner import onnx_planner
         except ImportError as error:
-            raise Absent(str(error)) from error
+            raise AbsentError(str(error)) from error
         core = openvino.Core()
         settings = {
             "PERFORMANCE_HINT": "LATENCY",

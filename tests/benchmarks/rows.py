@@ -74,9 +74,7 @@ def insert(page: Path, text: str) -> None:
 
 def chart(rows: list[Row], path: Path) -> None:
     """Bars of the peers' times as multiples of ours, one group a case."""
-    bars = [
-        (each["case"], [(peer, each["ratio"][peer]) for peer in each["ratio"]]) for each in rows if each["ratio"]
-    ]
+    bars = [(each["case"], [(peer, each["ratio"][peer]) for peer in each["ratio"]]) for each in rows if each["ratio"]]
     height = sum(len(group) + 1 for _, group in bars)
     figure = Figure(figsize=(8, 0.2 * height + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -96,7 +94,9 @@ def chart(rows: list[Row], path: Path) -> None:
     axes.axvline(1, color=_INK, linewidth=1, linestyle="--")
     axes.set_ylim(at - 0.5, -0.8)
     axes.set_yticks([])
-    axes.set_xlabel("time, in multiples of ocplanner's (dashed: the same time; longer is slower)", color=_INK, fontsize=8)
+    axes.set_xlabel(
+        "time, in multiples of ocplanner's (dashed: the same time; longer is slower)", color=_INK, fontsize=8
+    )
     axes.tick_params(colors=_INK, labelsize=8)
     for name, spine in axes.spines.items():
         spine.set_visible(name == "bottom")

@@ -2,7 +2,7 @@
 
 Run from the repository's root: ``python tests/fuzz/fuzz_core.py --seconds 600``. Nothing may come out of a call but its
 result, an error of ``ocplanner.errors``, or a TypeError: no panic, no crash, no hang, no memory beyond the limit. The
-input under way always stands in ``--folder`` as ``current``, so that one that kills the process is there to be replayed:
+input under way always stands in ``--folder`` as ``current``, so that one that kills the process can be replayed:
 ``python tests/fuzz/fuzz_core.py --replay FILE``. Where atheris is installed, ``--atheris`` lets it choose the inputs by
 the coverage of the Python side; otherwise they are random, from ``--seed``.
 """
@@ -17,7 +17,8 @@ import time
 import warnings
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path.append(str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[1]))  # random planner files are made by tests/random_planner.py
 
 from choices import Choices
 from targets import TARGETS

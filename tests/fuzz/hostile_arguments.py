@@ -63,7 +63,7 @@ def _of_one_number(choices: Choices, value: np.ndarray) -> np.ndarray:
 
 
 def _of_random_bits(choices: Choices, value: np.ndarray) -> np.ndarray:
-    if value.dtype.kind not in "fui":
+    if value.dtype.kind not in "fuib":
         return value
     bits = np.random.default_rng(choices.index(1 << 16)).bytes(value.nbytes)
     return np.frombuffer(bits, value.dtype).reshape(value.shape).copy()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from choices import Choices
+
 from random_planner import planner_config, random_tensors
 
 _TINY: dict[str, Any] = {

@@ -26,12 +26,18 @@ def _require_finite(what: str, *values: np.ndarray | None) -> None:
             raise ViolationError(f"{what} returned numbers that are not finite")
 
 
-def _rows(function: Callable[..., np.ndarray], trailing: tuple[int, ...], *, count: int = 1) -> Callable:
+def _rows(
+    function: Callable[..., np.ndarray], trailing: tuple[int, ...], *, count: int = 1, copies: bool = False
+) -> Callable[[Choices], None]:
+    """A caller of a function over rows; one that only copies numbers may return what is not finite."""
+
     def call(choices: Choices) -> None:
         leading = choices.pick(((), (1,), (4,), (0,), (2, 3)))
         good = np.full((*leading, *trailing), 0.5)
         good[...] = np.eye(3) if trailing == (3, 3) else np.arange(1, 1 + trailing[-1])
-        _require_finite(function.__name__, function(*(array(choices, good) for _ in range(count))))
+        found = function(*(array(choices, good) for _ in range(count)))
+        if not copies:
+            _require_finite(function.__name__, found)
 
     return call
 
@@ -110,7 +116,8 @@ def _plan(choices: Choices, engine: _core.PlannerEngine) -> None:
     if choices.chance(4):
         engine.encode(images, threads)
     else:
-        _require_finite("plan", *engine.plan(images, choices.chance(2), threads))
+        steps = integer(choices, 1) if choices.chance(4) else None
+        _require_finite("plan", *engine.plan(images, choices.chance(2), threads, steps))
 
 
 def _planner_images(choices: Choices) -> None:
@@ -125,11 +132,42 @@ def _planner_file(choices: Choices) -> None:
     _plan(choices, _core.PlannerEngine(data, storage))
 
 
+def _reward_law(choices: Choices) -> Any:
+    if choices.index(3) < 2:
+        return _core.RewardLaw()
+    names = ("weight_position", "weight_rotation", "scale", "gamma")
+    numbers = {name: number(choices, 0.5) for name in names if choices.chance(3)}
+    return _core.RewardLaw(choices.pick(("penalty", "literal", "exp", "potential", "", "\ud800", None)), **numbers)
+
+
+def _object_poses(choices: Choices, steps: int) -> Any:
+    poses = _pose(choices, (steps,))
+    return (poses[0], None) if isinstance(poses, tuple) and len(poses) == 2 and choices.chance(6) else poses
+
+
+def _rewards(choices: Choices) -> None:
+    steps = choices.pick((3, 1, 0, 20))
+    planned, achieved = _object_poses(choices, steps), _object_poses(choices, steps)
+    flags = array(choices, np.arange(steps) % 3 > 0)
+    _require_finite("rewards", *_reward_law(choices).rewards(planned, achieved, flags, terminal=choices.chance(2)))
+
+
+def _label(choices: Choices) -> None:
+    engine, law = _engine(choices.index(4)), _reward_law(choices)
+    images = _images(choices, engine)
+    steps = 1
+    if isinstance(images, list) and images and isinstance(images[0], np.ndarray) and images[0].ndim:
+        steps = min(len(images[0]), 40)
+    flags = array(choices, np.arange(steps) % 3 > 0)
+    given = {"step": integer(choices, 0), "threads": integer(choices, 1), "terminal": choices.chance(2)}
+    _require_finite("label", *law.label(engine, images, _object_poses(choices, steps), flags, **given))
+
+
 _ARM = """
 <mujoco><worldbody><site name="base"/>
 <body><joint name="first" axis="0 0 1"/><geom size="0.05 0.1" type="capsule"/>
-<body pos="0.3 0 0"><joint name="second" axis="0 1 0"/><geom size="0.05 0.1" type="capsule"/><site pos="0.2 0 0"/></body>
-</body></worldbody>
+<body pos="0.3 0 0"><joint name="second" axis="0 1 0"/><geom size="0.05 0.1" type="capsule"/>
+<site name="eef" pos="0.2 0 0"/></body></body></worldbody>
 <actuator><motor joint="first" ctrlrange="-9 9"/><motor joint="second" ctrlrange="-9 9"/></actuator></mujoco>
 """
 
@@ -194,6 +232,7 @@ def _one_pose(choices: Choices) -> None:
 TARGETS: dict[str, tuple[Callable[[Choices], None], ...]] = {
     "PlannerEngine": (_planner_file, _planner_images),
     "ControlLoop": (_control_loop,),
+    "RewardLaw": (_rewards, _label),
     "DeltaPoseController": (_delta_pose_controller,),
     "DeltaPoseLaw": (_law,),
     "delta_pose_action": (_delta_pose_action,),
@@ -208,7 +247,7 @@ TARGETS: dict[str, tuple[Callable[[Choices], None], ...]] = {
     "rotation_from_quat_wxyz": (_rows(_core.rotation_from_quat_wxyz, (4,)),),
     "rotation_from_quat_xyzw": (_rows(_core.rotation_from_quat_xyzw, (4,)),),
     "rotation_log": (_rows(_core.rotation_log, (3, 3)),),
-    "rotation_to_6d": (_rows(_core.rotation_to_6d, (3, 3)),),
+    "rotation_to_6d": (_rows(_core.rotation_to_6d, (3, 3), copies=True),),
     "simd_level": (_simd_level,),
 }
 """Public name -> what calls it. A test demands that no name is missing."""

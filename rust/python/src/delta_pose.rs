@@ -1,17 +1,18 @@
 //! Bindings of `ocplanner_core::delta_pose`.
 
-use numpy::ndarray::{ArrayView1, ArrayView2, ArrayView3, Axis};
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::ndarray::{ArrayView1, ArrayView2, ArrayView3, Axis, Ix1, Ix2, Ix3};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2};
 use ocplanner_core::delta_pose as core;
 use ocplanner_core::error::{Error, Result};
 use ocplanner_core::pose::{Pose, check_rotation};
 use pyo3::prelude::*;
 
 use crate::arguments::{Pair, name};
+use crate::arrays::Numbers;
 use crate::errors::to_python;
 
-type PoseArrays<'py> = Pair<PyReadonlyArray1<'py, f64>, PyReadonlyArray2<'py, f64>>;
-type PoseBatch<'py> = Pair<PyReadonlyArray2<'py, f64>, PyReadonlyArray3<'py, f64>>;
+type PoseArrays<'py> = Pair<Numbers<'py, Ix1>, Numbers<'py, Ix2>>;
+type PoseBatch<'py> = Pair<Numbers<'py, Ix2>, Numbers<'py, Ix3>>;
 
 fn vector(what: &'static str, view: ArrayView1<'_, f64>) -> Result<[f64; 3]> {
     match view.len() {
@@ -28,17 +29,17 @@ fn matrix(what: &'static str, view: ArrayView2<'_, f64>) -> Result<[[f64; 3]; 3]
 }
 
 fn pose(what: &'static str, Pair(position, rotation): &PoseArrays<'_>) -> Result<Pose> {
-    core::checked_pose(what, vector(what, position.as_array())?, matrix(what, rotation.as_array())?)
+    core::checked_pose(what, vector(what, position.0.as_array())?, matrix(what, rotation.0.as_array())?)
 }
 
-fn base(rotation: &PyReadonlyArray2<'_, f64>) -> Result<[[f64; 3]; 3]> {
-    let rotation = matrix("rotation_world_base", rotation.as_array())?;
+fn base(rotation: &Numbers<'_, Ix2>) -> Result<[[f64; 3]; 3]> {
+    let rotation = matrix("rotation_world_base", rotation.0.as_array())?;
     check_rotation("rotation_world_base", &rotation)?;
     Ok(rotation)
 }
 
 fn poses(what: &'static str, Pair(positions, rotations): &PoseBatch<'_>) -> Result<Vec<Pose>> {
-    let (positions, rotations) = (positions.as_array(), rotations.as_array());
+    let (positions, rotations) = (positions.0.as_array(), rotations.0.as_array());
     same_length(what, positions.len_of(Axis(0)), rotations)?;
     positions
         .outer_iter()
@@ -104,7 +105,7 @@ fn delta_pose_action<'py>(
     pose_object: PoseArrays<'py>,
     pose_target: PoseArrays<'py>,
     pose_eef: PoseArrays<'py>,
-    rotation_world_base: PyReadonlyArray2<'py, f64>,
+    rotation_world_base: Numbers<'py, Ix2>,
     law: Option<&DeltaPoseLaw>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let compute = || -> Result<[f64; 6]> {
@@ -123,7 +124,7 @@ fn delta_pose_actions<'py>(
     pose_object: PoseBatch<'py>,
     pose_target: PoseBatch<'py>,
     pose_eef: PoseBatch<'py>,
-    rotation_world_base: PyReadonlyArray3<'py, f64>,
+    rotation_world_base: Numbers<'py, Ix3>,
     law: Option<&DeltaPoseLaw>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let compute = || -> Result<numpy::ndarray::Array2<f64>> {
@@ -135,8 +136,9 @@ fn delta_pose_actions<'py>(
                 return Err(Error::Shape { what, found: vec![found], expected: format!("({count}, ...)") });
             }
         }
-        same_length("rotation_world_base", count, rotation_world_base.as_array())?;
+        same_length("rotation_world_base", count, rotation_world_base.0.as_array())?;
         let bases = rotation_world_base
+            .0
             .as_array()
             .outer_iter()
             .map(|r| {
@@ -188,15 +190,16 @@ impl DeltaPoseController {
     fn set_plan<'py>(
         &mut self,
         py: Python<'py>,
-        positions: PyReadonlyArray2<'py, f64>,
-        rotations: Option<PyReadonlyArray3<'py, f64>>,
+        positions: Numbers<'py, Ix2>,
+        rotations: Option<Numbers<'py, Ix3>>,
         pose_object: PoseArrays<'py>,
     ) -> PyResult<()> {
         let convert = || -> Result<_> {
-            let positions = positions.as_array().outer_iter().map(|p| vector("plan", p)).collect::<Result<Vec<_>>>()?;
+            let positions =
+                positions.0.as_array().outer_iter().map(|p| vector("plan", p)).collect::<Result<Vec<_>>>()?;
             let rotations = match &rotations {
                 None => None,
-                Some(r) => Some(r.as_array().outer_iter().map(|m| matrix("plan", m)).collect::<Result<Vec<_>>>()?),
+                Some(r) => Some(r.0.as_array().outer_iter().map(|m| matrix("plan", m)).collect::<Result<Vec<_>>>()?),
             };
             Ok((positions, rotations, pose("object", &pose_object)?))
         };
@@ -223,7 +226,7 @@ impl DeltaPoseController {
         pose_object: PoseArrays<'py>,
         pose_target: PoseArrays<'py>,
         pose_eef: PoseArrays<'py>,
-        rotation_world_base: PyReadonlyArray2<'py, f64>,
+        rotation_world_base: Numbers<'py, Ix2>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let compute = || -> Result<[f64; 6]> {
             let (object, target, eef) =
