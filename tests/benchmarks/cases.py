@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy_delta_pose import delta_pose_action
-from peers import PEERS, AbsentError, Images
+from numpy_reward import Rewards, plan_reward
+from peers import PEERS, AbsentError, Images, Peer
 from planner_weights import PlannerWeights
 from timing import Timing, interleaved
 
 from ocplanner import Planner, _core
+from ocplanner.rewards import label_demonstration
 from random_planner import random_images, write_random_planner
 
 _TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
@@ -65,20 +67,52 @@ class PlanCase:
             planner = Planner.load(path, storage=self.storage)
             weights = PlannerWeights.load(path)
         images = random_images(weights.config, self.batch)
-        absent: dict[str, str] = {}
         sides: dict[str, Callable[[], object]] = {"ours": lambda: planner.plan(images, threads=self.threads)}
-        for name, kind in PEERS.items():
-            if name in skip:
-                absent[name] = "skipped"
-                continue
-            try:
-                peer = kind(weights, self.batch, self.threads)
-            except AbsentError as reason:
-                absent[name] = str(reason)
-                continue
+        present, absent = _peers(weights, self.batch, self.threads, skip)
+        for name, peer in present.items():
             _check_plans(name, planner, peer.plan(images), images, _FARTHEST[self.storage])
             sides[name] = lambda peer=peer: peer.plan(images)
         return Measured(interleaved(sides, seconds, pause=_SETTLE_S if self.threads > 1 else 0.0), absent)
+
+
+@dataclass(frozen=True)
+class LabelCase:
+    """Rewards of one demonstration in which the object is held throughout, against every peer with NumPy."""
+
+    frames: int
+    peers_plan: int
+    """Steps that the peers' models plan. Ours decodes the one that is compared; a peer needs a model made for that."""
+    threads: int = 1
+    unit: str = "ms"
+
+    def measure(self, seconds: float, skip: list[str]) -> Measured:
+        """Check that all sides find the same rewards, then time them.
+
+        Raises:
+            DisagreementError: a peer's terms differ from ours.
+        """
+        planner, weights = Planner.load(_TRAINED), PlannerWeights.load(_TRAINED)
+        images = random_images(weights.config, self.frames)
+        plan = planner.plan(images)
+        rng = np.random.default_rng(0)
+        turns = _core.rotation_exp(rng.normal(0, 0.1, (self.frames, 3)))
+        achieved = (plan.position[:, 0] + rng.normal(0, 0.02, (self.frames, 3)), turns @ plan.rotation[:, 0])
+        poses = tuple(np.concatenate([each[:1], each]) for each in achieved)
+        held = np.ones(self.frames, np.bool_)
+        ours = label_demonstration(planner, images, poses, held)
+        sides: dict[str, Callable[[], object]] = {"ours": lambda: label_demonstration(planner, images, poses, held)}
+        present, absent = _peers(weights.planning(self.peers_plan), self.frames, self.threads, skip)
+        for name, peer in present.items():
+
+            def label(peer: Peer = peer) -> Rewards:
+                position, rotation = peer.plan(images)
+                return plan_reward((position[:, 0], rotation[:, 0]), achieved, held)
+
+            for what, mine, other in zip(Rewards._fields, ours, label()):
+                if not np.allclose(other, mine, rtol=1e-3, atol=1e-6):
+                    raise DisagreementError(f"{name}: {what} is up to {np.abs(other - mine).max():.1e} from ours")
+            sides[name] = label
+        return Measured(interleaved(sides, seconds), absent)
 
 
 @dataclass(frozen=True)
@@ -103,6 +137,22 @@ class DeltaPoseCase:
             "numpy": lambda: delta_pose_action(*poses),
         }
         return Measured(interleaved(sides, seconds, repeat=200))
+
+
+def _peers(
+    weights: PlannerWeights, batch: int, threads: int, skip: list[str]
+) -> tuple[dict[str, Peer], dict[str, str]]:
+    """Every peer that can run here, and why the others cannot."""
+    present, absent = {}, {}
+    for name, kind in PEERS.items():
+        if name in skip:
+            absent[name] = "skipped"
+            continue
+        try:
+            present[name] = kind(weights, batch, threads)
+        except AbsentError as reason:
+            absent[name] = str(reason)
+    return present, absent
 
 
 def _planner_file(encoder: str, folder: Path) -> Path:
@@ -136,7 +186,7 @@ def _random_poses(seed: int) -> tuple:
     return (at, turned), target, (at + rng.uniform(-0.05, 0.05, 3), rotation(3.0)), rotation(1.0)
 
 
-CASES: dict[str, PlanCase | DeltaPoseCase] = {
+CASES: dict[str, PlanCase | LabelCase | DeltaPoseCase] = {
     "resnet18 h50 batch 1 f32 1 thread": PlanCase("resnet18 h50", 1, "f32", 1),
     "resnet18 h50 batch 1 bf16 1 thread": PlanCase("resnet18 h50", 1, "bf16", 1),
     "resnet18 h50 batch 64 f32 1 thread": PlanCase("resnet18 h50", 64, "f32", 1),
@@ -144,6 +194,8 @@ CASES: dict[str, PlanCase | DeltaPoseCase] = {
     "cpu h20 batch 1 f32 1 thread": PlanCase("cpu h20", 1, "f32", 1),
     "cpu h20 batch 64 f32 1 thread": PlanCase("cpu h20", 64, "f32", 1),
     "cpu h20 batch 64 f32 2 threads": PlanCase("cpu h20", 64, "f32", 2),
+    "label cpu h20 150 frames": LabelCase(150, peers_plan=1),
+    "label cpu h20 150 frames, peers plan all steps": LabelCase(150, peers_plan=20),
     "delta-pose step": DeltaPoseCase(),
 }
 """Case name -> how it is measured; the name spells out encoder, horizon, batch, our weight storage and threads."""

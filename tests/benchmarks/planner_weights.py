@@ -35,6 +35,10 @@ class PlannerWeights:
             raise ValueError(f"{path}: the peers cover planners of one mode that plan poses")
         return cls(config, _folded(config, tensors))
 
+    def planning(self, steps: int) -> "PlannerWeights":
+        """The same planner, planning only so many steps."""
+        return PlannerWeights({**self.config, "horizon": steps}, self.tensors)
+
     @property
     def crop(self) -> tuple[int, int]:
         """First pixel and side of the centre crop."""

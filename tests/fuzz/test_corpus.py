@@ -69,6 +69,16 @@ CALLS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
         InvalidValueError,
         lambda: _core.delta_pose_action(far_apart(1.7e308), far_apart(-1.7e308), POSE, EYE),
     ),
+    "command of infinite length": (
+        InvalidValueError,
+        lambda: _core.delta_pose_action(
+            POSE, far_apart(2.0), POSE, EYE, _core.DeltaPoseLaw(gain_position=1.7e308)
+        ),
+    ),
+    "images broadcast to more than fit in memory": (
+        ShapeError,
+        lambda: _core.PlannerEngine(_valid_file()).plan(np.broadcast_to(np.uint8(0), (1 << 40, 1, 6, 6, 3))),  # type: ignore[arg-type]
+    ),
     "pose of one": (ShapeError, lambda: _core.delta_pose_action((np.zeros(3),), POSE, POSE, EYE)),  # type: ignore[arg-type]
     "pose of three": (ShapeError, lambda: _core.invert_pose((np.zeros(3), EYE, EYE))),  # type: ignore[arg-type]
     "misaligned position": (ShapeError, lambda: _core.delta_pose_action((misaligned(), EYE), POSE, POSE, EYE)),
@@ -83,6 +93,12 @@ def test_calls_that_once_failed_are_refused(call: str) -> None:
     expected, act = CALLS[call]
     with pytest.raises(expected):
         act()
+
+
+def test_a_tiny_scale_keeps_the_action_within_limits() -> None:
+    law = _core.DeltaPoseLaw(limit_horizontal=5e-324, limit_vertical=5e-324, scale_position=5e-324)
+    action = _core.delta_pose_action(POSE, far_apart(0.2), POSE, EYE, law)
+    assert (np.abs(action) <= 1).all()
 
 
 @pytest.mark.parametrize("threads", [-1, 1 << 64, -(1 << 80)])

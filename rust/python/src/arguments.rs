@@ -23,9 +23,21 @@ pub fn optional_count(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
     if value.is_none() { Ok(None) } else { count(value).map(Some) }
 }
 
+/// More than any list of arguments has.
+const LONGEST_LIST: usize = 1024;
+
+/// The items of a list. Nothing trusts its length: an array broadcast to 2^40 rows is a sequence too.
+pub fn items<'py>(value: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let items = value.try_iter()?.take(LONGEST_LIST + 1).collect::<PyResult<Vec<_>>>()?;
+    if items.len() > LONGEST_LIST {
+        return Err(shape_error(value.py(), format!("a list has more than {LONGEST_LIST} items")));
+    }
+    Ok(items)
+}
+
 /// A list of indices, each as [`count`] reads it.
 pub fn counts(value: &Bound<'_, PyAny>) -> PyResult<Vec<usize>> {
-    value.extract::<Vec<Bound<'_, PyAny>>>()?.iter().map(count).collect()
+    items(value)?.iter().map(count).collect()
 }
 
 /// A name. Text that is not Unicode is an `InvalidValueError`, not Python's `UnicodeEncodeError`.

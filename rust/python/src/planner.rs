@@ -7,7 +7,7 @@ use ocplanner_core::planner::{self as core, Modes, Outputs, Plans};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::arguments::{count, name, optional_count};
+use crate::arguments::{count, items, name, optional_count};
 use crate::arrays::view_rows;
 use crate::errors::{shape_error, to_python, unknown_name};
 
@@ -45,7 +45,7 @@ impl PlannerEngine {
     fn plan<'py>(
         &self,
         py: Python<'py>,
-        images: Vec<Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = items)] images: Vec<Bound<'py, PyAny>>,
         all_modes: bool,
         #[pyo3(from_py_with = count)] threads: usize,
         #[pyo3(from_py_with = optional_count)] steps: Option<usize>,
@@ -74,7 +74,7 @@ impl PlannerEngine {
     fn encode<'py>(
         &self,
         py: Python<'py>,
-        images: Vec<Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = items)] images: Vec<Bound<'py, PyAny>>,
         #[pyo3(from_py_with = count)] threads: usize,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (views, batch) = self.views(py, &images)?;

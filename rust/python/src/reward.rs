@@ -4,7 +4,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
 use ocplanner_core::reward::{self as core, Episode, Form, Poses, Rewards};
 use pyo3::prelude::*;
 
-use crate::arguments::{Pair, count, name};
+use crate::arguments::{Pair, count, items, name};
 use crate::arrays::{flags, view_rows};
 use crate::errors::{shape_error, to_python, unknown_name};
 use crate::planner::{PlannerEngine, slices};
@@ -88,7 +88,7 @@ impl RewardLaw {
         &self,
         py: Python<'py>,
         planner: &PlannerEngine,
-        images: Vec<Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = items)] images: Vec<Bound<'py, PyAny>>,
         achieved: PoseArrays<'py>,
         grasping: &Bound<'py, PyAny>,
         #[pyo3(from_py_with = count)] step: usize,

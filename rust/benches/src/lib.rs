@@ -1,0 +1,30 @@
+//! What the benches share: numbers to compute with, and the instruction sets to do it with.
+
+use criterion::{BenchmarkGroup, Criterion, measurement::WallTime};
+use ocplanner_core::nn::kernels::Level;
+
+/// `len` numbers in -1..1, the same every time.
+#[must_use]
+pub fn noise(len: usize) -> Vec<f32> {
+    let mut state = 0x9e37_79b9_u32;
+    let mut next = || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        state as f32 / u32::MAX as f32 * 2.0 - 1.0
+    };
+    (0..len).map(|_| next()).collect()
+}
+
+/// One group of benches per instruction set of this processor, called `name/<level>`.
+pub fn on_every_level(
+    criterion: &mut Criterion,
+    name: &str,
+    mut bench: impl FnMut(&mut BenchmarkGroup<'_, WallTime>, Level),
+) {
+    for level in Level::available() {
+        let mut group = criterion.benchmark_group(format!("{name}/{}", level.name()));
+        bench(&mut group, level);
+        group.finish();
+    }
+}
