@@ -15,7 +15,7 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 WORKERS ?= 2
 
-.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench clean
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench bench-kernels fuzz clean
 
 help: ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -78,8 +78,19 @@ format: setup ## Format the sources and apply the safe lint fixes
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: setup ## Measure control steps against stock robosuite; writes results/bench_sim.json
+$(VENV)/.peers: $(VENV)/.dependencies
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement pyproject.toml --extra bench
+	@touch $@
+
+bench: setup $(VENV)/.peers ## Measure the engine against other runtimes, and control steps against robosuite; writes results/bench_*.json
+	$(BIN)/python tests/benchmarks/bench_core.py --simd best avx2
 	$(BIN)/python tests/benchmarks/bench_sim.py
+
+bench-kernels: ## Time the Rust kernels one by one, on every instruction set of this processor (criterion)
+	cargo bench --package ocplanner-benches
+
+fuzz: setup ## Fuzz the native module for ten minutes; what fails is left in runs/fuzz
+	$(BIN)/python tests/fuzz/fuzz_core.py --seconds 600
 
 clean: ## Remove everything that is built
 	rm -rf $(VENV) target dist python/ocplanner/_core*.so
