@@ -71,9 +71,7 @@ CALLS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
     ),
     "command of infinite length": (
         InvalidValueError,
-        lambda: _core.delta_pose_action(
-            POSE, far_apart(2.0), POSE, EYE, _core.DeltaPoseLaw(gain_position=1.7e308)
-        ),
+        lambda: _core.delta_pose_action(POSE, far_apart(2.0), POSE, EYE, _core.DeltaPoseLaw(gain_position=1.7e308)),
     ),
     "images broadcast to more than fit in memory": (
         ShapeError,
