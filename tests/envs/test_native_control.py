@@ -240,7 +240,7 @@ def test_actions_are_checked(panda: Any) -> None:
         ({"arm_actuators": [99] * 7}, InvalidValueError, "arm_actuators: 99"),
         ({"gripper_actuators": [99]}, InvalidValueError, "gripper_actuators: 99"),
         ({"joint_qpos": [], "joint_qvel": [], "arm_actuators": []}, InvalidValueError, "joints"),
-        ({"eef_site": -1}, OverflowError, "negative"),
+        ({"eef_site": -1}, InvalidValueError, "-1 is no count or index"),
     ],
 )
 def test_wrong_indices_are_errors(panda: Any, wrong: dict[str, Any], error: type[Exception], message: str) -> None:
