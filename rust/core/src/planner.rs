@@ -13,7 +13,7 @@ use crate::pose::rotation_from_6d;
 use crate::weights::{WeightFile, fault};
 
 /// Images that go through the network together.
-const CHUNK: usize = 16;
+const CHUNK: usize = 64;
 
 /// Threads that one call starts at most, whatever it is asked for.
 const MOST_THREADS: usize = 256;

@@ -1,6 +1,9 @@
 //! Convolution and max pooling of bordered NHWC images.
 
-use super::kernels::{Gather, Level, Panels, Product, Storage, matmul, max_pool, padded};
+use std::sync::OnceLock;
+
+use super::kernels::{Gather, Level, Panels, Product, Scheme, Storage, matmul, max_pool, padded};
+use super::winograd::{Winograd, WinogradWorkspace, best_scheme};
 use crate::error::Result;
 use crate::weights::fault;
 
@@ -121,12 +124,15 @@ impl Window {
 /// A convolution with bias, optional residual and optional rectifier.
 #[derive(Debug)]
 pub struct Conv {
+    level: Level,
+    window: Window,
     panels: Panels,
     gather: Gather,
     input: Plane,
     /// Shape of an output image.
     pub output: Plane,
     relu: bool,
+    winograd: [OnceLock<Winograd>; Scheme::ALL.len()],
 }
 
 /// Weights of a convolution in the layout of torch: (outputs, inputs, kernel, kernel) and (outputs,).
@@ -177,7 +183,7 @@ impl Conv {
                 * weights.weight[((out * weights.inputs + channel) * window.kernel + row) * window.kernel + column]
         };
         let panels = Panels::pack(level, storage, outputs, window.kernel * run_len, weight_at, |out| weights.bias[out]);
-        Ok(Self { panels, gather, input, output, relu })
+        Ok(Self { level, window, panels, gather, input, output, relu, winograd: Default::default() })
     }
 
     /// Shape of an input image.
@@ -187,11 +193,25 @@ impl Conv {
     }
 
     /// Runs over a batch of images; with `accumulate` the output already holds the residual.
-    pub fn run(&self, batch: usize, input: &[f32], output: &mut [f32], accumulate: bool) {
+    pub fn run(
+        &self,
+        batch: usize,
+        input: &[f32],
+        output: &mut [f32],
+        accumulate: bool,
+        workspace: &mut WinogradWorkspace,
+    ) {
         if !accumulate {
             for image in output.chunks_exact_mut(self.output.len()).take(batch) {
                 self.output.clear_border(image);
             }
+        }
+        if self.window == (Window { kernel: 3, stride: 1, padding: 1 })
+            && let Some(scheme) = best_scheme(&self.output, batch)
+        {
+            let winograd = self.winograd[scheme as usize].get_or_init(|| self.transformed(scheme));
+            winograd.run(batch, input, output, accumulate, self.relu, workspace);
+            return;
         }
         matmul(&mut Product {
             panels: &self.panels,
@@ -204,6 +224,15 @@ impl Conv {
             accumulate,
             relu: self.relu,
         });
+    }
+
+    /// The same convolution in another form; made once, when first used.
+    fn transformed(&self, scheme: Scheme) -> Winograd {
+        let inputs = self.input.channels;
+        let kernel = |out: usize, channel: usize| {
+            std::array::from_fn(|at| f64::from(self.panels.weight(out, at * inputs + channel)))
+        };
+        Winograd::new(self.level, scheme, self.input, self.output, kernel, |out| self.panels.bias(out))
     }
 }
 

@@ -5,6 +5,7 @@ use serde::Deserialize;
 use super::conv::{Conv, ConvWeights, MaxPool, Plane, Window};
 use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax};
 use super::linear::Linear;
+use super::winograd::WinogradWorkspace;
 use crate::error::Result;
 use crate::weights::{WeightFile, fault};
 
@@ -63,13 +64,15 @@ const SLOTS: usize = 3;
 #[derive(Debug, Default)]
 pub struct EncoderWorkspace {
     pixels: Buffer,
-    slots: [Buffer; SLOTS],
+    early: [Buffer; SLOTS],
+    late: [Buffer; SLOTS],
     positions: Buffer,
+    winograd: WinogradWorkspace,
 }
 
 #[derive(Debug)]
 enum Step {
-    Conv { conv: Conv, from: usize, to: usize, accumulate: bool },
+    Conv { conv: Box<Conv>, from: usize, to: usize, accumulate: bool },
     MaxPool { pool: MaxPool, from: usize, to: usize },
 }
 
@@ -80,7 +83,12 @@ pub struct Encoder {
     crop: usize,
     pixels: Plane,
     first: Conv,
-    steps: Vec<Step>,
+    /// The layers with large feature maps, which images pass through one by one so that the maps stay in the cache.
+    early: Vec<Step>,
+    /// The layers with many weights, which the whole batch passes through together.
+    late: Vec<Step>,
+    /// The slot and the shape between the two.
+    between: (usize, Plane),
     last: usize,
     map: Plane,
     keypoints: Option<Keypoints>,
@@ -149,7 +157,7 @@ impl Encoder {
         file: &mut WeightFile,
     ) -> Result<Self> {
         let mut build = Builder { level, storage, file, prefix: format!("encoder.{camera}") };
-        let (first, steps, last, map) = match config.trunk {
+        let TrunkPlan { first, early, between, late, last: (last, map) } = match config.trunk {
             Trunk::Small => small(&mut build, config, crop)?,
             Trunk::Resnet18 => resnet18(&mut build, crop)?,
         };
@@ -178,7 +186,7 @@ impl Encoder {
             };
             Linear::over_map(level, storage, config.feature, &map, at, &bias, relu)
         };
-        Ok(Self { level, crop, pixels, first, steps, last, map, keypoints, fully_connected })
+        Ok(Self { level, crop, pixels, first, early, late, between, last, map, keypoints, fully_connected })
     }
 
     /// Length of a feature row, padding included.
@@ -197,24 +205,19 @@ impl Encoder {
         output: &mut [f32],
         output_stride: usize,
     ) {
-        self.stage(batch, images, size, &mut workspace.pixels);
-        workspace.slots[0].grow(batch * self.first.output.len());
-        self.first.run(batch, &workspace.pixels, &mut workspace.slots[0], false);
-        for step in &self.steps {
-            let (from, to, len) = match step {
-                Step::Conv { conv, from, to, .. } => (*from, *to, conv.output.len()),
-                Step::MaxPool { pool, from, to } => (*from, *to, pool.output.len()),
-            };
-            workspace.slots[to].grow(batch * len);
-            let Ok([from, to]) = workspace.slots.get_disjoint_mut([from, to]) else {
-                unreachable!("a step reads and writes different slots")
-            };
-            match step {
-                Step::Conv { conv, accumulate, .. } => conv.run(batch, from, to, *accumulate),
-                Step::MaxPool { pool, .. } => pool.run(batch, from, to),
-            }
+        let EncoderWorkspace { pixels, early, late, winograd, .. } = workspace;
+        let (between, plane) = self.between;
+        let map = plane.len();
+        late[between].grow(batch * map);
+        early[0].grow(self.first.output.len());
+        for (index, image) in images.chunks_exact(size * size * 3).take(batch).enumerate() {
+            self.stage(image, size, pixels);
+            self.first.run(1, pixels, &mut early[0], false, winograd);
+            run_steps(&self.early, 1, early, winograd);
+            late[between][index * map..][..map].copy_from_slice(&early[between][..map]);
         }
-        let map = &workspace.slots[self.last];
+        run_steps(&self.late, batch, late, winograd);
+        let map = &workspace.late[self.last];
         let Some(keypoints) = &self.keypoints else {
             self.fully_connected.run(batch, map, self.map.len(), output, output_stride);
             return;
@@ -222,12 +225,12 @@ impl Encoder {
         let logits_len = keypoints.conv.output.len();
         let row = padded(2 * keypoints.count);
         let spare = (self.last + 1) % SLOTS;
-        workspace.slots[spare].grow(batch * logits_len);
+        workspace.late[spare].grow(batch * logits_len);
         workspace.positions.grow(batch * row);
-        let Ok([map, logits]) = workspace.slots.get_disjoint_mut([self.last, spare]) else {
+        let Ok([map, logits]) = workspace.late.get_disjoint_mut([self.last, spare]) else {
             unreachable!("two different slots")
         };
-        keypoints.conv.run(batch, map, logits, false);
+        keypoints.conv.run(batch, map, logits, false, &mut workspace.winograd);
         let rows = logits.chunks_exact(logits_len).zip(workspace.positions.chunks_exact_mut(row));
         for (logits, positions) in rows.take(batch) {
             positions[2 * keypoints.count..].fill(0.0);
@@ -243,26 +246,48 @@ impl Encoder {
         self.fully_connected.run(batch, &workspace.positions, row, output, output_stride);
     }
 
-    /// Copies the centre crop of each image into a bordered f32 plane, in 0..=255.
-    fn stage(&self, batch: usize, images: &[u8], size: usize, pixels: &mut Buffer) {
+    /// Copies the centre crop of an image into a bordered f32 plane, in 0..=255.
+    fn stage(&self, image: &[u8], size: usize, pixels: &mut Buffer) {
         let plane = &self.pixels;
-        pixels.grow(batch * plane.len());
+        pixels.grow(plane.len());
+        plane.clear_border(pixels);
         let inset = (size - self.crop) / 2;
-        let row_stride = plane.row_stride();
-        for (from, to) in images.chunks_exact(size * size * 3).zip(pixels.chunks_exact_mut(plane.len())).take(batch) {
-            plane.clear_border(to);
-            for row in 0..self.crop {
-                let source = &from[((row + inset) * size + inset) * 3..][..self.crop * 3];
-                let start = (row + plane.border) * row_stride + plane.border * 3;
-                for (to, &byte) in to[start..start + self.crop * 3].iter_mut().zip(source) {
-                    *to = f32::from(byte);
-                }
+        for row in 0..self.crop {
+            let source = &image[((row + inset) * size + inset) * 3..][..self.crop * 3];
+            let start = (row + plane.border) * plane.row_stride() + plane.border * 3;
+            for (to, &byte) in pixels[start..start + self.crop * 3].iter_mut().zip(source) {
+                *to = f32::from(byte);
             }
         }
     }
 }
 
-type TrunkPlan = (Conv, Vec<Step>, usize, Plane);
+/// Runs the layers over a batch in the slots, which hold the input.
+fn run_steps(steps: &[Step], batch: usize, slots: &mut [Buffer; SLOTS], winograd: &mut WinogradWorkspace) {
+    for step in steps {
+        let (from, to, len) = match step {
+            Step::Conv { conv, from, to, .. } => (*from, *to, conv.output.len()),
+            Step::MaxPool { pool, from, to } => (*from, *to, pool.output.len()),
+        };
+        slots[to].grow(batch * len);
+        let Ok([from, to]) = slots.get_disjoint_mut([from, to]) else {
+            unreachable!("a step reads and writes different slots")
+        };
+        match step {
+            Step::Conv { conv, accumulate, .. } => conv.run(batch, from, to, *accumulate, winograd),
+            Step::MaxPool { pool, .. } => pool.run(batch, from, to),
+        }
+    }
+}
+
+/// The layers of a trunk; where and in what shape the early and the late ones leave their output.
+struct TrunkPlan {
+    first: Conv,
+    early: Vec<Step>,
+    between: (usize, Plane),
+    late: Vec<Step>,
+    last: (usize, Plane),
+}
 
 fn small(build: &mut Builder<'_>, config: &EncoderConfig, crop: usize) -> Result<TrunkPlan> {
     if config.channels.is_empty() {
@@ -278,11 +303,14 @@ fn small(build: &mut Builder<'_>, config: &EncoderConfig, crop: usize) -> Result
         let conv =
             build.conv(&format!("conv.{}", index + 1), (pair[0], pair[1]), window, plane, border(index + 1), true)?;
         plane = conv.output;
-        steps.push(Step::Conv { conv, from: index % 2, to: (index + 1) % 2, accumulate: false });
+        steps.push(Step::Conv { conv: Box::new(conv), from: index % 2, to: (index + 1) % 2, accumulate: false });
     }
-    let last = steps.len() % 2;
-    Ok((first, steps, last, plane))
+    let last = (steps.len() % 2, plane);
+    Ok(TrunkPlan { first, early: steps, between: last, late: Vec::new(), last })
 }
+
+/// The last layer of ResNet-18 whose feature maps are larger than its weights.
+const LAST_EARLY_LAYER: usize = 2;
 
 fn resnet18(build: &mut Builder<'_>, crop: usize) -> Result<TrunkPlan> {
     let same = Window { kernel: 3, stride: 1, padding: 1 };
@@ -295,6 +323,8 @@ fn resnet18(build: &mut Builder<'_>, crop: usize) -> Result<TrunkPlan> {
     // The slot that holds the block's input.
     let mut here = 1;
     let mut inputs = 64;
+    let mut early = Vec::new();
+    let mut between = (here, plane);
     for (layer, outputs) in [(1, 64), (2, 128), (3, 256), (4, 512)] {
         for block in 0..2 {
             let name = format!("layer{layer}.{block}");
@@ -307,21 +337,24 @@ fn resnet18(build: &mut Builder<'_>, crop: usize) -> Result<TrunkPlan> {
             let shortcut = if shrinks {
                 let window = Window { kernel: 1, stride: 2, padding: 0 };
                 let conv = build.conv(&format!("{name}.downsample"), (inputs, outputs), window, plane, 1, false)?;
-                Some(Step::Conv { conv, from: here, to: other, accumulate: false })
+                Some(Step::Conv { conv: Box::new(conv), from: here, to: other, accumulate: false })
             } else {
                 None
             };
             plane = conv2.output;
-            steps.push(Step::Conv { conv: conv1, from: here, to: middle, accumulate: false });
+            steps.push(Step::Conv { conv: Box::new(conv1), from: here, to: middle, accumulate: false });
             if let Some(shortcut) = shortcut {
                 steps.push(shortcut);
                 here = other;
             }
-            steps.push(Step::Conv { conv: conv2, from: middle, to: here, accumulate: true });
+            steps.push(Step::Conv { conv: Box::new(conv2), from: middle, to: here, accumulate: true });
             inputs = outputs;
         }
+        if layer == LAST_EARLY_LAYER {
+            (early, between) = (std::mem::take(&mut steps), (here, plane));
+        }
     }
-    Ok((first, steps, here, plane))
+    Ok(TrunkPlan { first, early, between, late: steps, last: (here, plane) })
 }
 
 fn keypoints(build: &mut Builder<'_>, config: &EncoderConfig, channels: usize, map: Plane) -> Result<Keypoints> {

@@ -1,6 +1,6 @@
 //! The trajectory decoder: an LSTM that reads the same latent at every step, and a linear head.
 
-use super::kernels::{Buffer, Level, LstmStep, Storage, lstm_step, padded, tanh_in_place};
+use super::kernels::{Buffer, Level, LstmStep, Storage, Stored, lstm_step, padded, tanh_in_place};
 use super::linear::Linear;
 
 /// Decoder of latents to any number of steps of `outputs` numbers.
@@ -9,7 +9,7 @@ pub struct Decoder {
     level: Level,
     start: Linear,
     from_latent: Linear,
-    recurrent: Buffer,
+    recurrent: Stored,
     head: Linear,
     hidden: usize,
 }
@@ -44,7 +44,7 @@ pub struct DecoderWorkspace {
 }
 
 impl Decoder {
-    /// Packs the weights; the state weights are f32 whatever the storage, since they are used once per step.
+    /// Packs the weights; the head's are f32 whatever the storage.
     #[must_use]
     pub fn new(level: Level, storage: Storage, weights: &DecoderWeights<'_>) -> Self {
         let DecoderWeights { latent, hidden, .. } = *weights;
@@ -98,7 +98,7 @@ impl Decoder {
             weights.head.1,
             false,
         );
-        Self { level, start, from_latent, recurrent, head, hidden: stored }
+        Self { level, start, from_latent, recurrent: Stored::new(storage, recurrent), head, hidden: stored }
     }
 
     /// Numbers between two steps of a decoded row.

@@ -9,3 +9,4 @@ pub mod encoder;
 pub mod kernels;
 pub mod linear;
 pub mod lstm;
+pub mod winograd;

@@ -1,13 +1,16 @@
 //! One step of an LSTM whose gates are interleaved: for each block of units, `[k][gate][lane]`.
 
+use half::bf16;
+
+use super::stored::Weight;
 use super::vector::Vector;
-use super::{GROUP, Level, dispatch};
+use super::{GROUP, Level, Stored, dispatch};
 
 /// One step for a batch of rows.
 #[derive(Debug)]
 pub struct LstmStep<'a> {
     /// Recurrent weights, `[unit block][hidden][4][lanes]`, gates in the order i, f, g, o.
-    pub weights: &'a [f32],
+    pub weights: &'a Stored,
     /// Units, in whole groups.
     pub hidden: usize,
     /// Rows in the batch.
@@ -38,11 +41,18 @@ pub fn lstm_step(level: Level, step: &mut LstmStep<'_>) {
     assert!(from + hidden <= to || to + hidden <= from, "the states overlap");
     assert!(rows == 0 || (rows - 1) * stride + from.max(to) + hidden <= step.states.len(), "states too short");
     // SAFETY: the extents were checked above.
-    dispatch!(level, all_rows, &mut LstmStep<'_>, step);
+    match step.weights {
+        Stored::F32(_) => dispatch!(level, all_rows::<f32>, &mut LstmStep<'_>, step),
+        Stored::Bf16(_) => dispatch!(level, all_rows::<bf16>, &mut LstmStep<'_>, step),
+    }
 }
 
 #[inline(always)]
-unsafe fn all_rows<V: Vector>(step: &mut LstmStep<'_>) {
+unsafe fn all_rows<V: Vector, W: Weight>(step: &mut LstmStep<'_>) {
+    let weights: *const W = match step.weights {
+        Stored::F32(values) => values.as_ptr().cast(),
+        Stored::Bf16(values) => values.as_ptr().cast(),
+    };
     let most = if V::LANES == 16 { 6 } else { 2 };
     for block in 0..step.hidden / V::LANES {
         let tiles = step.rows.div_ceil(most);
@@ -51,12 +61,12 @@ unsafe fn all_rows<V: Vector>(step: &mut LstmStep<'_>) {
             let count = (tile + 1) * step.rows / tiles - start;
             unsafe {
                 match count {
-                    1 => some_rows::<V, 1, 4>(step, block, start),
-                    2 => some_rows::<V, 2, 1>(step, block, start),
-                    3 => some_rows::<V, 3, 1>(step, block, start),
-                    4 => some_rows::<V, 4, 1>(step, block, start),
-                    5 => some_rows::<V, 5, 1>(step, block, start),
-                    _ => some_rows::<V, 6, 1>(step, block, start),
+                    1 => some_rows::<V, W, 1, 4>(step, weights, block, start),
+                    2 => some_rows::<V, W, 2, 1>(step, weights, block, start),
+                    3 => some_rows::<V, W, 3, 1>(step, weights, block, start),
+                    4 => some_rows::<V, W, 4, 1>(step, weights, block, start),
+                    5 => some_rows::<V, W, 5, 1>(step, weights, block, start),
+                    _ => some_rows::<V, W, 6, 1>(step, weights, block, start),
                 }
             }
         }
@@ -64,8 +74,9 @@ unsafe fn all_rows<V: Vector>(step: &mut LstmStep<'_>) {
 }
 
 #[inline(always)]
-unsafe fn some_rows<V: Vector, const ROWS: usize, const SPLIT: usize>(
+unsafe fn some_rows<V: Vector, W: Weight, const ROWS: usize, const SPLIT: usize>(
     step: &mut LstmStep<'_>,
+    weights: *const W,
     block: usize,
     start: usize,
 ) {
@@ -81,12 +92,12 @@ unsafe fn some_rows<V: Vector, const ROWS: usize, const SPLIT: usize>(
         let states = step.states.as_mut_ptr();
         let read: [*const f32; ROWS] =
             std::array::from_fn(|row| states.add((start + row) * step.stride + step.from).cast_const());
-        let mut weights = step.weights.as_ptr().add(block * step.hidden * gate_width);
+        let mut weights = weights.add(block * step.hidden * gate_width);
         let mut k = 0;
         // `hidden` is a multiple of 16, hence of SPLIT.
         while k < step.hidden {
             for split in 0..SPLIT {
-                let columns: [V; 4] = std::array::from_fn(|gate| V::load(weights.add(gate * V::LANES)));
+                let columns: [V; 4] = std::array::from_fn(|gate| W::load(weights.add(gate * V::LANES)));
                 for row in 0..ROWS {
                     let value = V::splat(*read[row].add(k + split));
                     for gate in 0..4 {
@@ -99,9 +110,10 @@ unsafe fn some_rows<V: Vector, const ROWS: usize, const SPLIT: usize>(
         }
         for row in 0..ROWS {
             let mut sums = gates[0][row];
-            for other in &gates[1..] {
+            // Not a slice of `gates`: its address would force the sums out of the registers.
+            for split in 1..SPLIT {
                 for gate in 0..4 {
-                    sums[gate] = sums[gate].add(other[row][gate]);
+                    sums[gate] = sums[gate].add(gates[split][row][gate]);
                 }
             }
             let cell = step.cells.as_mut_ptr().add((start + row) * step.hidden + block * V::LANES);

@@ -6,18 +6,9 @@
 
 use half::bf16;
 
-use super::vector::Vector;
-use super::{Buffer, GROUP, Level, dispatch, padded};
-
-/// How weights are kept in memory; arithmetic is f32 either way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Storage {
-    /// As in the file.
-    #[default]
-    F32,
-    /// Rounded to bf16: half the memory traffic.
-    Bf16,
-}
+use super::stored::Weight;
+use super::vector::{Vector, prefetch};
+use super::{Buffer, GROUP, Level, Storage, Stored, dispatch, padded};
 
 /// Where each output pixel reads and writes, in one image of a batch.
 #[derive(Debug, Clone)]
@@ -54,18 +45,12 @@ impl Gather {
 /// A weight matrix in panels, with its bias.
 #[derive(Debug, Clone)]
 pub struct Panels {
-    values: Values,
+    values: Stored,
     bias: Buffer,
     inputs: usize,
     outputs: usize,
     width: usize,
     level: Level,
-}
-
-#[derive(Debug, Clone)]
-enum Values {
-    F32(Buffer),
-    Bf16(Vec<bf16>),
 }
 
 impl Panels {
@@ -98,17 +83,31 @@ impl Panels {
         for (output, slot) in padded_bias.iter_mut().enumerate().take(outputs) {
             *slot = bias(output);
         }
-        let values = match storage {
-            Storage::F32 => Values::F32(values),
-            Storage::Bf16 => Values::Bf16(values.iter().map(|&x| bf16::from_f32(x)).collect()),
-        };
-        Self { values, bias: padded_bias, inputs, outputs: padded_outputs, width, level }
+        Self { values: Stored::new(storage, values), bias: padded_bias, inputs, outputs: padded_outputs, width, level }
     }
 
     /// Number of outputs, padded to whole groups.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.outputs
+    }
+
+    /// One weight, as stored.
+    ///
+    /// # Panics
+    /// If there is no such weight.
+    #[must_use]
+    pub fn weight(&self, output: usize, input: usize) -> f32 {
+        assert!(output < self.outputs && input < self.inputs, "no such weight");
+        let first = output / self.width * self.width;
+        let panel = self.width.min(self.outputs - first);
+        self.values.at(first * self.inputs + input * panel + output - first)
+    }
+
+    /// One output's bias.
+    #[must_use]
+    pub fn bias(&self, output: usize) -> f32 {
+        self.bias[output]
     }
 }
 
@@ -153,38 +152,25 @@ pub fn matmul(product: &mut Product<'_>) {
     );
     // SAFETY: the two extents above bound every offset that the loops form, and `panels` holds inputs * outputs weights.
     match &panels.values {
-        Values::F32(values) => {
+        Stored::F32(values) => {
             let mut job = Job::new(product, values.as_ptr());
             dispatch!(panels.level, all_tiles::<f32>, &mut Job<'_, f32>, &mut job);
         }
-        Values::Bf16(values) => {
+        Stored::Bf16(values) => {
             let mut job = Job::new(product, values.as_ptr());
             dispatch!(panels.level, all_tiles::<bf16>, &mut Job<'_, bf16>, &mut job);
         }
     }
 }
 
-/// A stored weight that widens to f32.
-trait Weight: Copy {
-    unsafe fn load<V: Vector>(from: *const Self) -> V;
-}
+/// Most pixels in a tile: their pointers and sums just fit the registers.
+const MOST: usize = 12;
 
-impl Weight for f32 {
-    #[inline(always)]
-    unsafe fn load<V: Vector>(from: *const Self) -> V {
-        unsafe { V::load(from) }
-    }
-}
+/// Inputs in one turn of the innermost loop.
+const UNROLL: usize = 8;
 
-impl Weight for bf16 {
-    #[inline(always)]
-    unsafe fn load<V: Vector>(from: *const Self) -> V {
-        unsafe { V::load_bf16(from) }
-    }
-}
-
-/// Most pixels in a tile.
-const MOST: usize = 14;
+/// How far ahead weights are asked for: hardware prefetching ends at a page, ours does not.
+const PREFETCH_BYTES: usize = 8 << 10;
 
 /// Bytes of input that should stay in the second-level cache while all panels pass over them.
 const BLOCK_BYTES: usize = 384 << 10;
@@ -300,8 +286,8 @@ unsafe fn one_tile<V: Vector, W: Weight>(tile: &Tile<W>, rows: usize, vectors: u
     }
     if V::LANES == 16 {
         match vectors {
-            1 => sizes!(1: 1/8, 2/4, 3/2, 4/2, 5/1, 6/1, 7/1, 8/1, 9/1, 10/1, 11/1, 12/1, 13/1, 14/1),
-            _ => sizes!(2: 1/8, 2/4, 3/2, 4/1, 5/1, 6/1, 7/1, 8/1, 9/1, 10/1, 11/1, 12/1, 13/1, 14/1),
+            1 => sizes!(1: 1/8, 2/4, 3/2, 4/2, 5/1, 6/1, 7/1, 8/1, 9/1, 10/1, 11/1, 12/1),
+            _ => sizes!(2: 1/8, 2/4, 3/2, 4/1, 5/1, 6/1, 7/1, 8/1, 9/1, 10/1, 11/1, 12/1),
         }
     } else {
         sizes!(2: 1/4, 2/2, 3/1, 4/1, 5/1, 6/1);
@@ -325,14 +311,19 @@ unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: u
         let mut weights = tile.weights;
         for run in 0..tile.runs {
             let start = run * tile.run_stride;
-            let whole = tile.run_len / SPLIT * SPLIT;
+            let whole = tile.run_len / UNROLL * UNROLL;
             let mut k = 0;
+            macro_rules! unrolled {
+                ($($next:literal)*) => {$(
+                    let columns = weights.add($next * VECTORS * V::LANES);
+                    step::<V, W, ROWS, VECTORS>(&mut sums[$next % SPLIT], &input, start + k + $next, columns);
+                )*};
+            }
             while k < whole {
-                for split in 0..SPLIT {
-                    step::<V, W, ROWS, VECTORS>(&mut sums[split], &input, start + k + split, weights);
-                    weights = weights.add(VECTORS * V::LANES);
-                }
-                k += SPLIT;
+                // Written out: a loop of this length is not unrolled, and then the sums leave the registers.
+                unrolled!(0 1 2 3 4 5 6 7);
+                weights = weights.add(UNROLL * VECTORS * V::LANES);
+                k += UNROLL;
             }
             while k < tile.run_len {
                 step::<V, W, ROWS, VECTORS>(&mut sums[0], &input, start + k, weights);
@@ -344,8 +335,9 @@ unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: u
             for vector in 0..VECTORS {
                 let to = tile.output[row].add(vector * V::LANES);
                 let mut sum = sums[0][row][vector];
-                for other in &sums[1..] {
-                    sum = sum.add(other[row][vector]);
+                // Not a slice of `sums`: its address would force the sums out of the registers.
+                for split in 1..SPLIT {
+                    sum = sum.add(sums[split][row][vector]);
                 }
                 if tile.accumulate {
                     sum = sum.add(V::load(to));
@@ -368,8 +360,10 @@ unsafe fn step<V: Vector, W: Weight, const ROWS: usize, const VECTORS: usize>(
 ) {
     unsafe {
         let mut columns = [V::zero(); VECTORS];
-        for (vector, column) in columns.iter_mut().enumerate() {
-            *column = W::load::<V>(weights.add(vector * V::LANES));
+        for vector in 0..VECTORS {
+            let column = weights.add(vector * V::LANES);
+            columns[vector] = W::load::<V>(column);
+            prefetch(column.wrapping_byte_add(PREFETCH_BYTES));
         }
         for row in 0..ROWS {
             let value = V::splat(*input[row].add(k));

@@ -11,13 +11,17 @@ mod level;
 mod lstm;
 mod matmul;
 mod pool;
+mod stored;
 mod vector;
+mod winograd;
 
 pub use buffer::Buffer;
 pub use level::Level;
 pub use lstm::{LstmStep, lstm_step};
-pub use matmul::{Gather, Panels, Product, Storage, matmul};
+pub use matmul::{Gather, Panels, Product, matmul};
 pub use pool::{max_pool, spatial_softmax, tanh_in_place};
+pub use stored::{Storage, Stored};
+pub use winograd::{Finish, Scheme, Tiles, transform_input, transform_output};
 
 /// Channels are stored in groups of this many, padded with zeros.
 pub const GROUP: usize = 16;

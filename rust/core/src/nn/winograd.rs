@@ -1,0 +1,170 @@
+//! 3 x 3 convolutions of stride 1 through Winograd's transforms: fewer products, more weights.
+
+use super::conv::Plane;
+use super::kernels::{
+    Buffer, Finish, GROUP, Gather, Level, Panels, Product, Scheme, Storage, Tiles, matmul, transform_input,
+    transform_output,
+};
+
+/// Transformed numbers that should stay in the second-level cache.
+const BLOCK_BYTES: usize = 512 << 10;
+
+/// Memory of a Winograd convolution, reused between calls.
+#[derive(Debug, Default)]
+pub struct WinogradWorkspace {
+    inputs: Buffer,
+    outputs: Buffer,
+}
+
+/// A convolution's kernels, transformed.
+#[derive(Debug)]
+pub struct Winograd {
+    level: Level,
+    scheme: Scheme,
+    products: Vec<Panels>,
+    bias: Buffer,
+    gather: Gather,
+    input: Plane,
+    output: Plane,
+}
+
+/// Products that take as long as fetching one weight from memory, with the transforms' share on top: measured.
+const PRODUCTS_PER_WEIGHT: isize = 16;
+
+/// The scheme that saves most on a batch, if any does: fewer products have to outweigh the additional weights, which are
+/// fetched once a batch.
+#[must_use]
+pub fn best_scheme(output: &Plane, batch: usize) -> Option<Scheme> {
+    let direct = 9 * output.height * output.width;
+    let gain = |scheme: &Scheme| {
+        let products = tiles(*scheme, output) * scheme.positions();
+        let saved = (direct as isize - products as isize) * batch as isize;
+        saved - PRODUCTS_PER_WEIGHT * (scheme.positions() as isize - 9)
+    };
+    Scheme::ALL.into_iter().filter(|scheme| gain(scheme) > 0).max_by_key(gain)
+}
+
+fn tiles(scheme: Scheme, output: &Plane) -> usize {
+    output.height.div_ceil(scheme.outputs()) * output.width.div_ceil(scheme.outputs())
+}
+
+/// Distance between the transformed numbers of two positions: a cache line more than they need, since positions a power
+/// of two apart would push each other out of the cache.
+const fn stride(rows: usize, channels: usize) -> usize {
+    rows * channels + GROUP
+}
+
+impl Winograd {
+    /// Transforms `kernel(output, input)`, nine numbers row by row, for images whose border is at least 1.
+    #[must_use]
+    pub fn new(
+        level: Level,
+        scheme: Scheme,
+        input: Plane,
+        output: Plane,
+        kernel: impl Fn(usize, usize) -> [f64; 9],
+        bias: impl Fn(usize) -> f32,
+    ) -> Self {
+        let (inputs, outputs) = (input.channels, output.channels);
+        let kernels: Vec<[f64; 9]> = (0..outputs * inputs).map(|at| kernel(at / inputs, at % inputs)).collect();
+        let products = (0..scheme.positions())
+            .map(|position| {
+                let weight = |out: usize, k: usize| scheme.kernel(&kernels[out * inputs + k], position) as f32;
+                Panels::pack(level, Storage::F32, outputs, inputs, weight, |_| 0.0)
+            })
+            .collect();
+        let mut biases = Buffer::zeros(outputs);
+        for (out, slot) in biases.iter_mut().enumerate() {
+            *slot = bias(out);
+        }
+        Self { level, scheme, products, bias: biases, gather: Gather::row(inputs), input, output }
+    }
+
+    /// Runs over a batch of images; with `accumulate` the output already holds the residual.
+    pub fn run(
+        &self,
+        batch: usize,
+        input: &[f32],
+        output: &mut [f32],
+        accumulate: bool,
+        relu: bool,
+        workspace: &mut WinogradWorkspace,
+    ) {
+        let (positions, tiles) = (self.scheme.positions(), tiles(self.scheme, &self.output));
+        let (inputs, outputs) = (self.input.channels, self.output.channels);
+        let per_image = positions * tiles * (inputs + outputs) * size_of::<f32>();
+        // Fetching the weights again for every block must not cost more than the transformed numbers.
+        let weights = positions * inputs * outputs * size_of::<f32>();
+        let block = (BLOCK_BYTES.max(weights) / per_image).clamp(1, batch.max(1));
+        workspace.inputs.grow(positions * stride(block * tiles, inputs));
+        workspace.outputs.grow(positions * stride(block * tiles, outputs));
+        for start in (0..batch).step_by(block) {
+            let count = block.min(batch - start);
+            let rows = count * tiles;
+            self.transform_inputs(start, count, input, &mut workspace.inputs);
+            for (position, panels) in self.products.iter().enumerate() {
+                matmul(&mut Product {
+                    panels,
+                    gather: &self.gather,
+                    batch: rows,
+                    input: &workspace.inputs[position * stride(rows, inputs)..],
+                    input_stride: inputs,
+                    output: &mut workspace.outputs[position * stride(rows, outputs)..],
+                    output_stride: outputs,
+                    accumulate: false,
+                    relu: false,
+                });
+            }
+            let finish = Finish { bias: &self.bias, accumulate, relu };
+            self.transform_outputs(start, count, &workspace.outputs, output, finish);
+        }
+    }
+
+    fn transform_inputs(&self, start: usize, count: usize, images: &[f32], transformed: &mut [f32]) {
+        let plane = &self.input;
+        let side = self.scheme.outputs();
+        let inset = plane.border - 1;
+        let tiles = Tiles {
+            scheme: self.scheme,
+            rows: self.output.height.div_ceil(side),
+            columns: self.output.width.div_ceil(side),
+            channels: plane.channels,
+            height: plane.height + 2,
+            width: plane.width + 2,
+            row_stride: plane.row_stride(),
+            position_stride: stride(count * tiles(self.scheme, &self.output), plane.channels),
+        };
+        let per_image = tiles.rows * tiles.columns * tiles.channels;
+        for (index, image) in images.chunks_exact(plane.len()).skip(start).take(count).enumerate() {
+            let corner = &image[inset * (plane.row_stride() + plane.channels)..];
+            transform_input(self.level, tiles, corner, &mut transformed[index * per_image..]);
+        }
+    }
+
+    fn transform_outputs(
+        &self,
+        start: usize,
+        count: usize,
+        transformed: &[f32],
+        images: &mut [f32],
+        finish: Finish<'_>,
+    ) {
+        let plane = &self.output;
+        let side = self.scheme.outputs();
+        let tiles = Tiles {
+            scheme: self.scheme,
+            rows: plane.height.div_ceil(side),
+            columns: plane.width.div_ceil(side),
+            channels: plane.channels,
+            height: plane.height,
+            width: plane.width,
+            row_stride: plane.row_stride(),
+            position_stride: stride(count * tiles(self.scheme, plane), plane.channels),
+        };
+        let per_image = tiles.rows * tiles.columns * tiles.channels;
+        for (index, image) in images.chunks_exact_mut(plane.len()).skip(start).take(count).enumerate() {
+            let corner = &mut image[plane.border * (plane.row_stride() + plane.channels)..];
+            transform_output(self.level, tiles, &transformed[index * per_image..], corner, finish);
+        }
+    }
+}
