@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 __all__ = [
     "ControlLoop",
+    "DeltaPoseBatch",
     "DeltaPoseController",
     "DeltaPoseLaw",
     "PlannerEngine",
     "RewardLaw",
     "compose_poses",
     "delta_pose_action",
-    "delta_pose_actions",
     "geodesic_angle",
     "invert_pose",
     "quat_wxyz_from_rotation",
@@ -273,24 +273,22 @@ class DeltaPoseLaw:
 def delta_pose_action(
     pose_object: _Pose, pose_target: _Pose, pose_eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
 ) -> _F64:
-    """(6,) action in [-1, 1] that moves a rigidly held object from its pose toward another.
+    """(..., 6) actions in [-1, 1] that move rigidly held objects from their poses toward others.
+
+    The leading axes are one for each environment, or none for a single one; all arguments have the same. Any memory
+    order will do.
 
     Args:
-        pose_object: ((3,), (3, 3)) its pose, world frame, metres.
+        pose_object: ((..., 3), (..., 3, 3)) its pose, world frame, metres.
         pose_target: the pose wanted.
         pose_eef: pose of the end-effector site.
-        rotation_world_base: (3, 3) base frame -> world; the action is in the base frame.
+        rotation_world_base: (..., 3, 3) base frame -> world; the action is in the base frame.
         law: gains and limits.
 
     Raises:
-        InvalidValueError: a number is not finite, or a matrix is no rotation.
-        ShapeError: wrong shape.
+        InvalidValueError: a number is not finite, a matrix is no rotation, or the poses lie too far apart.
+        ShapeError: wrong shape or dtype.
     """
-
-def delta_pose_actions(
-    pose_object: _Pose, pose_target: _Pose, pose_eef: _Pose, rotation_world_base: _F64, law: DeltaPoseLaw | None = None
-) -> _F64:
-    """(B, 6) actions of B environments: every argument of :func:`delta_pose_action` with a leading B."""
 
 @final
 class DeltaPoseController:
@@ -337,3 +335,53 @@ class DeltaPoseController:
     @property
     def at_end(self) -> bool:
         """Whether that is the last one."""
+
+@final
+class DeltaPoseBatch:
+    """As :class:`DeltaPoseController` for each of B environments; its actions are :func:`delta_pose_action`'s.
+
+    Raises:
+        InvalidValueError: an unknown mode or a gate that is not positive.
+    """
+
+    def __new__(
+        cls,
+        environments: int,
+        follow: str = "gated",
+        *,
+        gate_position: float = 0.025,
+        gate_rotation: float = 0.2,
+        law: DeltaPoseLaw | None = None,
+    ) -> DeltaPoseBatch: ...
+    def set_plans(
+        self,
+        positions: _F64,
+        rotations: _F64 | None,
+        pose_object: _Pose,
+        chosen: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Take plans as a planner gives them: (B, H, 3) positions, m, and (B, H, 3, 3) rotations, or None.
+
+        ``pose_object`` are the present poses, ((B, 3), (B, 3, 3)). With ``chosen`` (B,) only those environments take
+        theirs; the others keep the plan they have, as all do after an error.
+
+        Raises:
+            InvalidValueError: a number is not finite, or a matrix is no rotation.
+            ShapeError: wrong shape or dtype, or empty plans.
+        """
+
+    def targets(self, pose_object: _Pose) -> _Pose:
+        """Advance along every plan; the ((B, 3), (B, 3, 3)) poses at which to aim the objects now.
+
+        Raises:
+            InvalidValueError: an environment has no plan, a number is not finite, or a matrix is no rotation.
+            ShapeError: wrong shape or dtype.
+        """
+
+    @property
+    def index(self) -> NDArray[np.uint64]:
+        """(B,) the plan steps that are the targets now."""
+
+    @property
+    def at_end(self) -> NDArray[np.bool_]:
+        """(B,) whether those are the last ones."""

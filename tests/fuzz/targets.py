@@ -67,15 +67,10 @@ def _check_action(action: np.ndarray) -> None:
 
 
 def _delta_pose_action(choices: Choices) -> None:
-    poses = [_pose(choices) for _ in range(3)]
-    _check_action(_core.delta_pose_action(*poses, array(choices, np.eye(3)), _law(choices)))
-
-
-def _delta_pose_actions(choices: Choices) -> None:
-    leading = (choices.pick((2, 1, 0, 5)),)
+    leading = choices.pick(((), (2,), (1,), (0,), (2, 3)))
     poses = [_pose(choices, leading) for _ in range(3)]
     base = array(choices, np.broadcast_to(np.eye(3), (*leading, 3, 3)).copy())
-    _check_action(_core.delta_pose_actions(*poses, base, _law(choices)))
+    _check_action(_core.delta_pose_action(*poses, base, _law(choices)))
 
 
 def _delta_pose_controller(choices: Choices) -> None:
@@ -91,6 +86,24 @@ def _delta_pose_controller(choices: Choices) -> None:
         target = controller.target(_pose(choices)) if choices.chance(2) else _pose(choices)
         _check_action(controller.action(_pose(choices), target, _pose(choices), array(choices, np.eye(3))))
         _ = (controller.index, controller.at_end)
+
+
+def _delta_pose_batch(choices: Choices) -> None:
+    count = choices.pick((2, 1, 0))
+    follow = choices.pick(("gated", "time", "open-loop", "", "\ud800", None))
+    environments: Any = choices.pick((-1, 1 << 40, 1 << 70, None, "2")) if choices.chance(8) else count
+    batch = _core.DeltaPoseBatch(environments, follow, law=_law(choices))
+    for _ in range(choices.index(4)):
+        if choices.chance(3):
+            steps = choices.pick((3, 1, 0))
+            rotations: Any = np.broadcast_to(np.eye(3), (count, steps, 3, 3)).copy()
+            rotations = None if choices.chance(3) else array(choices, rotations)
+            chosen: Any = None if choices.chance(2) else array(choices, np.ones(count, bool))
+            plans = array(choices, np.full((count, steps, 3), 0.2))
+            batch.set_plans(plans, rotations, _pose(choices, (count,)), chosen)
+        target = batch.targets(_pose(choices, (count,)))
+        _require_finite("targets", *target)
+        _ = (batch.index, batch.at_end)
 
 
 @functools.cache
@@ -233,10 +246,10 @@ TARGETS: dict[str, tuple[Callable[[Choices], None], ...]] = {
     "PlannerEngine": (_planner_file, _planner_images),
     "ControlLoop": (_control_loop,),
     "RewardLaw": (_rewards, _label),
+    "DeltaPoseBatch": (_delta_pose_batch,),
     "DeltaPoseController": (_delta_pose_controller,),
     "DeltaPoseLaw": (_law,),
     "delta_pose_action": (_delta_pose_action,),
-    "delta_pose_actions": (_delta_pose_actions,),
     "compose_poses": (_two_poses,),
     "invert_pose": (_one_pose,),
     "geodesic_angle": (_rows(_core.geodesic_angle, (3, 3), count=2),),

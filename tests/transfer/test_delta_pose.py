@@ -27,7 +27,23 @@ def test_batch_equals_one_by_one(rows):
     ]
     bases = np.tile(np.eye(3), (len(rows), 1, 1))
     expected = [_core.delta_pose_action(*row, np.eye(3)) for row in rows]
-    assert np.array_equal(_core.delta_pose_actions(*batch, bases), expected)
+    assert np.array_equal(_core.delta_pose_action(*batch, bases), expected)
+
+
+@pytest.mark.parametrize("leading", [(), (0,), (1,), (2, 3)])
+def test_any_leading_shape(leading):
+    here = (np.zeros((*leading, 3)), np.broadcast_to(np.eye(3), (*leading, 3, 3)))
+    assert _core.delta_pose_action(here, here, here, here[1]).shape == (*leading, 6)
+
+
+def test_any_memory_order():
+    turned = Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix()
+    here, there = (np.zeros(3), np.eye(3)), (np.arange(6.0)[::2] / 100, turned.T.copy())
+    strided = (np.arange(6.0)[::2] / 100, turned.T)
+    assert np.array_equal(
+        _core.delta_pose_action(here, strided, here, turned.T),
+        _core.delta_pose_action(here, there, here, turned.T.copy()),
+    )
 
 
 def test_the_base_turns_the_command():
@@ -56,8 +72,29 @@ def test_bad_input():
         _core.delta_pose_action(good, (np.zeros(3), 2 * np.eye(3)), good, np.eye(3))
     with pytest.raises(InvalidValueError, match="finite"):
         _core.delta_pose_action((np.full(3, np.nan), np.eye(3)), good, good, np.eye(3))
-    with pytest.raises(ShapeError):
-        _core.delta_pose_action((np.zeros(4), np.eye(3)), good, good, np.eye(3))
+    for bad in [
+        (np.zeros(4), np.eye(3)),
+        (np.zeros(3), np.eye(4)),
+        (np.zeros(3, np.float32), np.eye(3)),
+        (np.zeros((1, 3)), np.eye(3)[None]),
+        (np.zeros((1, 3)), np.eye(3)),
+        ([0, 0, 0], np.eye(3)),
+    ]:
+        with pytest.raises(ShapeError, match="eef"):
+            _core.delta_pose_action(good, good, bad, np.eye(3))
+    huge = np.broadcast_to(np.zeros(3), (1 << 40, 3)), np.broadcast_to(np.eye(3), (1 << 40, 3, 3))
+    with pytest.raises(ShapeError, match=r"object.*ascontiguousarray"):
+        _core.delta_pose_action(huge, huge, huge, huge[1])
+    with pytest.raises(ShapeError, match="rotation_world_base"):
+        _core.delta_pose_action(good, good, good, np.eye(3)[None])
+    with pytest.raises(ShapeError, match="object"):
+        _core.DeltaPoseController().target((np.zeros((1, 3)), np.eye(3)[None]))
+    with pytest.raises(ShapeError, match="plan"):
+        _core.DeltaPoseController().set_plan(np.zeros((2, 4, 3)), None, good)
+    with pytest.raises(ShapeError, match="plan"):
+        _core.DeltaPoseController().set_plan(np.zeros((0, 3)), None, good)
+    with pytest.raises(ShapeError, match="plan"):
+        _core.DeltaPoseController().set_plan(np.zeros((2, 3)), np.tile(np.eye(3), (3, 1, 1)), good)
     with pytest.raises(InvalidValueError, match="follow"):
         _core.DeltaPoseController("blind")
     with pytest.raises(InvalidValueError, match="gain_position"):

@@ -4,6 +4,9 @@ use crate::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow};
 use crate::error::{Error, Result};
 use crate::pose::{Matrix3, Pose, Vector3, check_rotation};
 
+/// More environments than anyone steps at once; a wrong number must not exhaust the memory.
+const MOST_ENVIRONMENTS: usize = 1 << 16;
+
 /// Actions of many environments, one for each of their poses; as [`DeltaPoseLaw::action`].
 ///
 /// # Errors
@@ -43,8 +46,12 @@ impl DeltaPoseBatch {
     /// Controllers without plans.
     ///
     /// # Errors
-    /// As [`DeltaPoseController::new`].
+    /// As [`DeltaPoseController::new`]; [`Error::Value`] for more than 65,536 environments.
     pub fn new(environments: usize, law: DeltaPoseLaw, follow: Follow) -> Result<Self> {
+        if environments > MOST_ENVIRONMENTS {
+            let found = environments.to_string();
+            return Err(Error::Value { what: "environments", found, expected: "at most 65536" });
+        }
         Ok(Self { controllers: vec![DeltaPoseController::new(law, follow)?; environments] })
     }
 
@@ -64,7 +71,7 @@ impl DeltaPoseBatch {
         let count = self.controllers.len();
         one_each("object", objects.len(), count)?;
         one_each("chosen", chosen.len(), count)?;
-        let steps = |found: usize| match found == count * horizon {
+        let steps = |found: usize| match count.checked_mul(horizon) == Some(found) {
             true => Ok(()),
             false => Err(Error::Shape {
                 what: "plan",

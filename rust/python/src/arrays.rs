@@ -1,10 +1,9 @@
 //! Views of NumPy arrays, checked before anything is read.
 
-use numpy::ndarray::Dimension;
-use numpy::{Element, PyArray, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArray, PyReadonlyArrayDyn};
-use numpy::{PyUntypedArray, PyUntypedArrayMethods, dtype};
+use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray};
+use numpy::{PyUntypedArrayMethods, dtype};
+use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::{Borrowed, intern};
 
 use crate::errors::shape_error;
 
@@ -17,9 +16,26 @@ pub fn view<'py, T: Element>(
     shape: &str,
     trailing: &[usize],
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    let array = strided_view::<T>(what, value, &format!("C-contiguous {shape}"), trailing)?;
+    if !array.is_c_contiguous() {
+        let remedy = "found another memory order; use numpy.ascontiguousarray";
+        let wanted = dtype::<T>(value.py());
+        let message = format!("{what}: expected a C-contiguous {shape} array of {wanted}, {remedy}");
+        return Err(shape_error(value.py(), message));
+    }
+    Ok(array)
+}
+
+/// As [`view`], in any memory order.
+pub fn strided_view<'py, T: Element>(
+    what: &str,
+    value: &Bound<'py, PyAny>,
+    shape: &str,
+    trailing: &[usize],
+) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
     let py = value.py();
     let wanted = dtype::<T>(py);
-    let expected = || format!("expected a C-contiguous {shape} array of {wanted}");
+    let expected = || format!("expected a {shape} array of {wanted}");
     let Ok(untyped) = value.cast::<PyUntypedArray>() else {
         let found = value.get_type().name()?.to_string();
         return Err(shape_error(py, format!("{what}: {}, found {found}", expected())));
@@ -33,10 +49,6 @@ pub fn view<'py, T: Element>(
     let found = array.shape();
     if found.len() < trailing.len() || !found.ends_with(trailing) {
         return Err(shape_error(py, format!("{what}: {}, found shape {found:?}", expected())));
-    }
-    if !array.is_c_contiguous() {
-        let remedy = "found another memory order; use numpy.ascontiguousarray";
-        return Err(shape_error(py, format!("{what}: {}, {remedy}", expected())));
     }
     if !array.is_aligned() {
         return Err(shape_error(py, format!("{what}: {}, found misaligned memory; use numpy.copy", expected())));
@@ -66,28 +78,4 @@ pub fn view_rows<'py, T: Element>(
         return Err(shape_error(value.py(), message));
     }
     Ok(array)
-}
-
-/// A read-only float64 array with the axes of `D`, in any memory order; anything else is a `ShapeError`.
-pub struct Numbers<'py, D: Dimension>(pub PyReadonlyArray<'py, f64, D>);
-
-impl<'py, D: Dimension> FromPyObject<'_, 'py> for Numbers<'py, D> {
-    type Error = PyErr;
-
-    fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        let (py, axes) = (value.py(), D::NDIM.unwrap_or(0));
-        let Ok(array) = value.cast::<PyArray<f64, D>>() else {
-            let found = match value.cast::<PyUntypedArray>() {
-                Ok(array) => format!("an array of {} with shape {:?}", array.dtype(), array.shape()),
-                Err(_) => value.get_type().name()?.to_string(),
-            };
-            return Err(shape_error(py, format!("expected an array of float64 with {axes} axes, found {found}")));
-        };
-        if !array.is_aligned() {
-            return Err(shape_error(py, "an array is misaligned in memory; use numpy.copy".to_owned()));
-        }
-        let view =
-            array.try_readonly().map_err(|_| shape_error(py, "an array is being written elsewhere".to_owned()))?;
-        Ok(Self(view))
-    }
 }

@@ -1,68 +1,122 @@
 //! Bindings of `ocplanner_core::delta_pose`.
 
-use numpy::ndarray::{ArrayView1, ArrayView2, ArrayView3, Axis, Ix1, Ix2, Ix3};
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2};
+use std::borrow::Cow;
+
+use numpy::ndarray::{ArrayD, IxDyn};
+use numpy::{IntoPyArray, PyArrayDyn, PyUntypedArrayMethods};
 use ocplanner_core::delta_pose as core;
-use ocplanner_core::error::{Error, Result};
-use ocplanner_core::pose::{Pose, check_rotation};
+use ocplanner_core::delta_pose_batch::actions;
+use ocplanner_core::error::Error;
+use ocplanner_core::pose::{Matrix3, Pose, Vector3, check_rotation};
 use pyo3::prelude::*;
 
 use crate::arguments::{Pair, name};
-use crate::arrays::Numbers;
-use crate::errors::to_python;
+use crate::arrays::strided_view;
+use crate::errors::{shape_error, to_python};
 
-type PoseArrays<'py> = Pair<Numbers<'py, Ix1>, Numbers<'py, Ix2>>;
-type PoseBatch<'py> = Pair<Numbers<'py, Ix2>, Numbers<'py, Ix3>>;
+/// A position and a rotation as Python gives them.
+pub type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Bound<'py, PyAny>>;
+/// An array of this module's results.
+pub type Output<'py> = Bound<'py, PyArrayDyn<f64>>;
 
-fn vector(what: &'static str, view: ArrayView1<'_, f64>) -> Result<[f64; 3]> {
-    match view.len() {
-        3 => Ok([view[0], view[1], view[2]]),
-        n => Err(Error::Shape { what, found: vec![n], expected: "(3,)".into() }),
+/// Most numbers copied from an array that does not lie in C order: a broadcast one may be far larger than the memory.
+const MOST_STRIDED: usize = 1 << 24;
+
+/// Rows of numbers and the axes before them.
+pub struct Rows<T> {
+    /// Lengths of the axes before a row.
+    pub leading: Vec<usize>,
+    /// The rows, in C order.
+    pub rows: Vec<T>,
+}
+
+impl<T> Rows<T> {
+    /// Whether the axes before a row are these.
+    pub fn expect(&self, py: Python<'_>, what: &str, leading: &[usize]) -> PyResult<()> {
+        if self.leading == leading {
+            return Ok(());
+        }
+        Err(shape_error(py, format!("{what}: leading shape {:?}, expected {leading:?}", self.leading)))
     }
 }
 
-fn matrix(what: &'static str, view: ArrayView2<'_, f64>) -> Result<[[f64; 3]; 3]> {
-    if view.dim() != (3, 3) {
-        return Err(Error::Shape { what, found: view.shape().to_vec(), expected: "(3, 3)".into() });
+/// The rows of a (..., 3) array.
+pub fn positions(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Rows<Vector3>> {
+    rows(what, value, "(..., 3)", &[3], |numbers| numbers.as_chunks::<3>().0.to_vec())
+}
+
+/// The matrices of a (..., 3, 3) array, checked to be rotations.
+pub fn rotations(what: &'static str, value: &Bound<'_, PyAny>) -> PyResult<Rows<Matrix3>> {
+    let read = |numbers: &[f64]| numbers.as_chunks::<3>().0.as_chunks::<3>().0.to_vec();
+    let rows = rows(what, value, "(..., 3, 3)", &[3, 3], read)?;
+    let checked = rows.rows.iter().try_for_each(|rotation| check_rotation(what, rotation));
+    checked.map_err(|error| to_python(value.py(), &error))?;
+    Ok(rows)
+}
+
+/// The poses of a pair of (..., 3) and (..., 3, 3) arrays, finite and with true rotations.
+pub fn poses(what: &'static str, Pair(position, rotation): &PoseArrays<'_>) -> PyResult<Rows<Pose>> {
+    let py = position.py();
+    let Rows { leading, rows } = positions(what, position)?;
+    let rotations = rotations(what, rotation)?;
+    rotations.expect(py, what, &leading)?;
+    let pairs = rows.into_iter().zip(rotations.rows);
+    let rows = pairs.map(|(position, rotation)| core::checked_pose(what, position, rotation));
+    let rows = rows.collect::<Result<Vec<_>, Error>>().map_err(|error| to_python(py, &error))?;
+    Ok(Rows { leading, rows })
+}
+
+fn rows<T>(
+    what: &str,
+    value: &Bound<'_, PyAny>,
+    shape: &str,
+    trailing: &[usize],
+    read: impl Fn(&[f64]) -> Vec<T>,
+) -> PyResult<Rows<T>> {
+    let array = strided_view::<f64>(what, value, shape, trailing)?;
+    if !array.is_c_contiguous() && array.len() > MOST_STRIDED {
+        let message =
+            format!("{what}: a broadcast or strided array of {:?}; use numpy.ascontiguousarray", array.shape());
+        return Err(shape_error(value.py(), message));
     }
-    Ok(std::array::from_fn(|i| std::array::from_fn(|j| view[[i, j]])))
+    // Not as_slice alone, which gives Fortran order as it lies in memory.
+    let numbers = if array.is_c_contiguous() {
+        Cow::Borrowed(array.as_slice()?)
+    } else {
+        Cow::Owned(array.as_array().iter().copied().collect())
+    };
+    let leading = array.shape()[..array.ndim() - trailing.len()].to_vec();
+    Ok(Rows { leading, rows: read(&numbers) })
 }
 
-fn pose(what: &'static str, Pair(position, rotation): &PoseArrays<'_>) -> Result<Pose> {
-    core::checked_pose(what, vector(what, position.0.as_array())?, matrix(what, rotation.0.as_array())?)
+/// An array of `numbers` with the axes `leading` and `trailing`.
+pub fn output<'py>(py: Python<'py>, numbers: &[f64], leading: &[usize], trailing: &[usize]) -> PyResult<Output<'py>> {
+    let array = ArrayD::from_shape_vec(IxDyn(&[leading, trailing].concat()), numbers.to_vec());
+    array.map(|array| array.into_pyarray(py)).map_err(|error| shape_error(py, error.to_string()))
 }
 
-fn base(rotation: &Numbers<'_, Ix2>) -> Result<[[f64; 3]; 3]> {
-    let rotation = matrix("rotation_world_base", rotation.0.as_array())?;
-    check_rotation("rotation_world_base", &rotation)?;
-    Ok(rotation)
-}
-
-fn poses(what: &'static str, Pair(positions, rotations): &PoseBatch<'_>) -> Result<Vec<Pose>> {
-    let (positions, rotations) = (positions.0.as_array(), rotations.0.as_array());
-    same_length(what, positions.len_of(Axis(0)), rotations)?;
-    positions
-        .outer_iter()
-        .zip(rotations.outer_iter())
-        .map(|(p, r)| core::checked_pose(what, vector(what, p)?, matrix(what, r)?))
-        .collect()
-}
-
-fn same_length<T: Element>(what: &'static str, count: usize, rotations: ArrayView3<'_, T>) -> Result<()> {
-    if rotations.len_of(Axis(0)) != count {
-        return Err(Error::Shape { what, found: rotations.shape().to_vec(), expected: format!("({count}, 3, 3)") });
-    }
-    Ok(())
-}
-
-fn to_arrays<'py>(py: Python<'py>, pose: Pose) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>) {
-    let rotation = numpy::ndarray::arr2(&pose.rotation);
-    (pose.position.to_vec().into_pyarray(py), rotation.into_pyarray(py))
+/// The law's actions for poses with any axes before them, all the same.
+pub fn law_actions<'py>(
+    law: &core::DeltaPoseLaw,
+    object: &PoseArrays<'py>,
+    target: &PoseArrays<'py>,
+    eef: &PoseArrays<'py>,
+    rotation_world_base: &Bound<'py, PyAny>,
+) -> PyResult<Output<'py>> {
+    let py = rotation_world_base.py();
+    let (object, target, eef) = (poses("object", object)?, poses("target", target)?, poses("eef", eef)?);
+    let bases = rotations("rotation_world_base", rotation_world_base)?;
+    target.expect(py, "target", &object.leading)?;
+    eef.expect(py, "eef", &object.leading)?;
+    bases.expect(py, "rotation_world_base", &object.leading)?;
+    let found = py.detach(|| actions(law, &object.rows, &target.rows, &eef.rows, &bases.rows));
+    let found = found.map_err(|error| to_python(py, &error))?;
+    output(py, found.as_flattened(), &object.leading, &[6])
 }
 
 /// Gains, limits and scales of the law; see the stub for units.
 #[pyclass(frozen, module = "ocplanner._core")]
-struct DeltaPoseLaw(core::DeltaPoseLaw);
+pub struct DeltaPoseLaw(core::DeltaPoseLaw);
 
 #[pymethods]
 impl DeltaPoseLaw {
@@ -93,69 +147,36 @@ impl DeltaPoseLaw {
     }
 }
 
-fn law_of(law: Option<&DeltaPoseLaw>) -> core::DeltaPoseLaw {
+/// The law given, or the default one.
+pub fn law_of(law: Option<&DeltaPoseLaw>) -> core::DeltaPoseLaw {
     law.map_or_else(core::DeltaPoseLaw::default, |law| law.0)
 }
 
-/// One action from one set of poses.
+/// The way of following of this name.
+pub fn follow_of(py: Python<'_>, name: &str, gate_position: f64, gate_rotation: f64) -> PyResult<core::Follow> {
+    match name {
+        "open-loop" => Ok(core::Follow::OpenLoop),
+        "time" => Ok(core::Follow::Time),
+        "gated" => Ok(core::Follow::Gated { position: gate_position, rotation: gate_rotation }),
+        other => {
+            let found = format!("{other:?}");
+            let error = Error::Value { what: "follow", found, expected: "one of 'open-loop', 'time', 'gated'" };
+            Err(to_python(py, &error))
+        }
+    }
+}
+
+/// Actions for one environment, or for many.
 #[pyfunction]
 #[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
 fn delta_pose_action<'py>(
-    py: Python<'py>,
     pose_object: PoseArrays<'py>,
     pose_target: PoseArrays<'py>,
     pose_eef: PoseArrays<'py>,
-    rotation_world_base: Numbers<'py, Ix2>,
+    rotation_world_base: Bound<'py, PyAny>,
     law: Option<&DeltaPoseLaw>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let compute = || -> Result<[f64; 6]> {
-        let (object, target, eef) =
-            (pose("object", &pose_object)?, pose("target", &pose_target)?, pose("eef", &pose_eef)?);
-        law_of(law).action(&object, &target, &eef, &base(&rotation_world_base)?)
-    };
-    compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
-}
-
-/// B actions from B sets of poses.
-#[pyfunction]
-#[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
-fn delta_pose_actions<'py>(
-    py: Python<'py>,
-    pose_object: PoseBatch<'py>,
-    pose_target: PoseBatch<'py>,
-    pose_eef: PoseBatch<'py>,
-    rotation_world_base: Numbers<'py, Ix3>,
-    law: Option<&DeltaPoseLaw>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let compute = || -> Result<numpy::ndarray::Array2<f64>> {
-        let (object, target, eef) =
-            (poses("object", &pose_object)?, poses("target", &pose_target)?, poses("eef", &pose_eef)?);
-        let count = object.len();
-        for (what, found) in [("target", target.len()), ("eef", eef.len())] {
-            if found != count {
-                return Err(Error::Shape { what, found: vec![found], expected: format!("({count}, ...)") });
-            }
-        }
-        same_length("rotation_world_base", count, rotation_world_base.0.as_array())?;
-        let bases = rotation_world_base
-            .0
-            .as_array()
-            .outer_iter()
-            .map(|r| {
-                let rotation = matrix("rotation_world_base", r)?;
-                check_rotation("rotation_world_base", &rotation)?;
-                Ok(rotation)
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let law = law_of(law);
-        let actions = py.detach(|| {
-            (0..count)
-                .map(|i| law.action(&object[i], &target[i], &eef[i], &bases[i]))
-                .collect::<Result<Vec<[f64; 6]>>>()
-        })?;
-        Ok(numpy::ndarray::Array2::from(actions))
-    };
-    compute().map(|actions| actions.into_pyarray(py)).map_err(|error| to_python(py, &error))
+) -> PyResult<Output<'py>> {
+    law_actions(&law_of(law), &pose_object, &pose_target, &pose_eef, &rotation_world_base)
 }
 
 /// Follows one plan at a time.
@@ -173,16 +194,7 @@ impl DeltaPoseController {
         gate_rotation: f64,
         law: Option<&DeltaPoseLaw>,
     ) -> PyResult<Self> {
-        let follow = match follow {
-            "open-loop" => core::Follow::OpenLoop,
-            "time" => core::Follow::Time,
-            "gated" => core::Follow::Gated { position: gate_position, rotation: gate_rotation },
-            other => {
-                let found = format!("{other:?}");
-                let error = Error::Value { what: "follow", found, expected: "one of 'open-loop', 'time', 'gated'" };
-                return Err(to_python(py, &error));
-            }
-        };
+        let follow = follow_of(py, follow, gate_position, gate_rotation)?;
         core::DeltaPoseController::new(law_of(law), follow).map(Self).map_err(|error| to_python(py, &error))
     }
 
@@ -190,50 +202,35 @@ impl DeltaPoseController {
     fn set_plan<'py>(
         &mut self,
         py: Python<'py>,
-        positions: Numbers<'py, Ix2>,
-        rotations: Option<Numbers<'py, Ix3>>,
+        positions: Bound<'py, PyAny>,
+        rotations: Option<Bound<'py, PyAny>>,
         pose_object: PoseArrays<'py>,
     ) -> PyResult<()> {
-        let convert = || -> Result<_> {
-            let positions =
-                positions.0.as_array().outer_iter().map(|p| vector("plan", p)).collect::<Result<Vec<_>>>()?;
-            let rotations = match &rotations {
-                None => None,
-                Some(r) => Some(r.0.as_array().outer_iter().map(|m| matrix("plan", m)).collect::<Result<Vec<_>>>()?),
-            };
-            Ok((positions, rotations, pose("object", &pose_object)?))
-        };
-        convert()
-            .and_then(|(positions, rotations, object)| self.0.set_plan(positions, rotations, &object))
+        let positions = self::positions("plan", &positions)?;
+        let rotations = rotations.map(|rotations| self::rotations("plan", &rotations)).transpose()?;
+        positions.expect(py, "plan", &[positions.rows.len()])?;
+        if let Some(rotations) = &rotations {
+            rotations.expect(py, "plan", &positions.leading)?;
+        }
+        let object = one(py, &pose_object)?;
+        self.0
+            .set_plan(positions.rows, rotations.map(|rotations| rotations.rows), &object)
             .map_err(|error| to_python(py, &error))
     }
 
-    #[expect(clippy::type_complexity, reason = "a pose is a pair of arrays")]
-    fn target<'py>(
-        &mut self,
-        py: Python<'py>,
-        pose_object: PoseArrays<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
-        pose("object", &pose_object)
-            .and_then(|object| self.0.target(&object))
-            .map(|target| to_arrays(py, target))
-            .map_err(|error| to_python(py, &error))
+    fn target<'py>(&mut self, py: Python<'py>, pose_object: PoseArrays<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
+        let target = self.0.target(&one(py, &pose_object)?).map_err(|error| to_python(py, &error))?;
+        Ok((output(py, &target.position, &[], &[3])?, output(py, target.rotation.as_flattened(), &[], &[3, 3])?))
     }
 
     fn action<'py>(
         &self,
-        py: Python<'py>,
         pose_object: PoseArrays<'py>,
         pose_target: PoseArrays<'py>,
         pose_eef: PoseArrays<'py>,
-        rotation_world_base: Numbers<'py, Ix2>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let compute = || -> Result<[f64; 6]> {
-            let (object, target, eef) =
-                (pose("object", &pose_object)?, pose("target", &pose_target)?, pose("eef", &pose_eef)?);
-            self.0.action(&object, &target, &eef, &base(&rotation_world_base)?)
-        };
-        compute().map(|action| action.to_vec().into_pyarray(py)).map_err(|error| to_python(py, &error))
+        rotation_world_base: Bound<'py, PyAny>,
+    ) -> PyResult<Output<'py>> {
+        law_actions(self.0.law(), &pose_object, &pose_target, &pose_eef, &rotation_world_base)
     }
 
     #[getter]
@@ -247,10 +244,15 @@ impl DeltaPoseController {
     }
 }
 
+fn one(py: Python<'_>, object: &PoseArrays<'_>) -> PyResult<Pose> {
+    let object = poses("object", object)?;
+    object.expect(py, "object", &[])?;
+    Ok(object.rows[0])
+}
+
 /// Adds this file's functions and classes to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<DeltaPoseLaw>()?;
     module.add_class::<DeltaPoseController>()?;
-    module.add_function(wrap_pyfunction!(delta_pose_action, module)?)?;
-    module.add_function(wrap_pyfunction!(delta_pose_actions, module)?)
+    module.add_function(wrap_pyfunction!(delta_pose_action, module)?)
 }

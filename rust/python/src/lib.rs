@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod arguments;
 mod arrays;
 mod delta_pose;
+mod delta_pose_batch;
 mod errors;
 mod mujoco;
 mod native_control;
@@ -22,6 +23,7 @@ mod _core {
         pose::register(module)?;
         planner::register(module)?;
         delta_pose::register(module)?;
+        delta_pose_batch::register(module)?;
         reward::register(module)?;
         native_control::register(module)
     }
