@@ -38,7 +38,7 @@ def commands(monkeypatch, tmp_path):
             out.parent.mkdir(parents=True, exist_ok=True)
             out.write_text(json.dumps({**content, **shown, "episodes": int(options["--episodes"])}))
 
-    monkeypatch.setattr(reproduction, "_run", run)
+    monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)
     return ran
 
@@ -87,7 +87,7 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
     Path("results").mkdir()
     for path in (Path("README.md"), Path("results/README.md")):
         path.write_text("<!-- TABLE -->\n<!-- end TABLE -->\n<!-- MASKERROR -->\n<!-- end MASKERROR -->\n")
-    ran, instant = reproduction._run, []
+    ran, instant = reproduction.run_command, []
 
     def stopped(arguments, log):
         instant.append(Path("README.md").read_text().count("1/7"))
@@ -95,11 +95,11 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
             raise KeyboardInterrupt
         ran(arguments, log)
 
-    monkeypatch.setattr(reproduction, "_run", stopped)
+    monkeypatch.setattr(reproduction, "run_command", stopped)
     zero_shot = ["reproduce", "zero-shot", "--seeds", "0", "--episodes", "7"]
     assert main(zero_shot) == 130
     assert instant == [0, 1, 2]
-    monkeypatch.setattr(reproduction, "_run", ran)
+    monkeypatch.setattr(reproduction, "run_command", ran)
     assert main(zero_shot) == 0
     for path in (Path("README.md"), Path("results/README.md")):
         assert "| gated | masked | 1/7 | 1/7 | 1/7 |" in path.read_text()

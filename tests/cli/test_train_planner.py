@@ -29,6 +29,8 @@ def test_flags_reach_the_configuration():
 def test_the_encoder_can_be_chosen_apart_from_the_preset():
     assert parsed("--encoder", "resnet18").configuration().network.encoder == preset("robomimic").network.encoder
     assert parsed("--preset", "robomimic", "--encoder", "small").configuration().network.encoder.type == "small"
+    chosen = parsed("--channels", "8", "16", "--pool", "spatial_softmax").configuration().network.encoder
+    assert (chosen.channels, chosen.pool, chosen.type) == ((8, 16), "spatial_softmax", "small")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from ocplanner.evaluation import experiments, held_out, reproduction
+from ocplanner.evaluation import encoders, experiments, held_out, reproduction
+from ocplanner.evaluation.experiments import PlannerExperiment
 from ocplanner.evaluation.marked_tables import write_tables
 
 
@@ -20,9 +21,10 @@ class Reproduce:
     What is there already is not done again; run the same command again after a stop.
     """
 
-    part: Annotated[Literal["planners", "zero-shot", "tables"], tyro.conf.Positional]
-    """planners: images, training and held-out errors. zero-shot: every planner on every arm. tables: rewrite those in
-    README.md and results/README.md from the result files, which zero-shot does after each arm too."""
+    part: Annotated[Literal["planners", "zero-shot", "encoders", "tables"], tyro.conf.Positional]
+    """planners: images, training and held-out errors. zero-shot: every planner on every arm. encoders: the search
+    for the smallest image encoder. tables: rewrite those in README.md and results/README.md from the result files,
+    which zero-shot and encoders do too."""
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
     work: Path = Path("runs/reproduce")
@@ -41,7 +43,8 @@ class Reproduce:
     def run(self) -> None:
         """Do what is missing, one line for each step done."""
         console = Console()
-        {"planners": self._planners, "zero-shot": self._zero_shot, "tables": self._tables}[self.part](console)
+        parts = {"planners": self._planners, "zero-shot": self._zero_shot, "encoders": self._encoders}
+        parts.get(self.part, self._tables)(console)
 
     def _planners(self, console: Console) -> None:
         wanted = experiments.planner_experiments(self.seeds)
@@ -62,6 +65,16 @@ class Reproduce:
             name = reproduction.transfer(experiment, self.work, self.results, self.episodes, self.workers)
             write_tables(self.results)
             console.print(f"done {name}")
+
+    def _encoders(self, console: Console) -> None:
+        wanted = encoders.encoder_experiments(self.seeds)
+        for name in reproduction.render_images([PlannerExperiment()], self.data, self.work, self.workers):
+            console.print(f"rendered {name}")
+        command = shlex.join(["ocplanner", *sys.argv[1:]])
+        for experiment in encoders.train_encoders(wanted, self.work, self.workers):
+            out = encoders.write(wanted, self.work, self.results, command)
+            write_tables(self.results)
+            console.print(f"trained {experiment.name}; errors in {out}")
 
     def _tables(self, console: Console) -> None:
         for path in write_tables(self.results):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from ocplanner.planner.config import Observe, Outputs, PlannerTraining, Preset, preset
+from ocplanner.planner.config import Observe, Outputs, PlannerTraining, Pool, Preset, preset
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,10 @@ class TrainPlanner:
     """Alternative plans per image."""
     encoder: Literal["small", "resnet18"] | None = None
     """Image encoder instead of the preset's."""
+    channels: tuple[int, ...] | None = None
+    """Channels of the small encoder's convolutions instead of the preset's."""
+    pool: Pool | None = None
+    """How the encoder's feature map becomes numbers, instead of the preset's way."""
     latent_loss: Literal["l2", "kl"] | None = None
     """Loss of the latent predictor: L2 on {mu, sigma} or KL divergence."""
     c_pos: float | None = None
@@ -61,6 +65,7 @@ class TrainPlanner:
         encoder = base.network.encoder
         if self.encoder is not None and self.encoder != encoder.type:
             encoder = preset("cpu" if self.encoder == "small" else "robomimic").network.encoder
+        encoder = replace(encoder, channels=self.channels or encoder.channels, pool=self.pool or encoder.pool)
         modes = base.network.modes if self.modes is None else self.modes
         network = replace(base.network, horizon=self.horizon, outputs=self.outputs, modes=modes, encoder=encoder)
         weights = {"latent": self.latent_loss, "position": self.c_pos, "rotation": self.c_rot, "kl": self.kl_weight}

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation.summary import held_out_table, mask_error_table, transfer_table
+from ocplanner.evaluation.summary import encoder_table, held_out_table, mask_error_table, transfer_table
 from ocplanner.storage import atomic_write
 
 
@@ -12,7 +12,7 @@ def write_tables(results: Path) -> list[Path]:
     """Rewrite the tables in ``README.md`` of the results and of the folder above, where there are any.
 
     ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
-    demonstrations.
+    demonstrations, ``ENCODERS`` those of the encoders that were tried.
 
     Returns:
         The files that have such tables, changed or not.
@@ -25,6 +25,7 @@ def write_tables(results: Path) -> list[Path]:
         "TABLE": transfer_table(results / "transfer"),
         "MASKERROR": mask_error_table(results / "mask_error", results / "transfer"),
         "HELDOUT": held_out_table(results),
+        "ENCODERS": encoder_table(results),
     }
     marked = []
     for path in (results.resolve().parent / "README.md", results / "README.md"):

@@ -14,7 +14,7 @@ from ocplanner.evaluation.experiments import PlannerExperiment, TransferExperime
 from ocplanner.storage import atomic_write
 
 
-def _run(arguments: list[str], log: Path) -> None:
+def run_command(arguments: list[str], log: Path) -> None:
     """Run one ``ocplanner`` command, its output in a log.
 
     Raises:
@@ -29,17 +29,18 @@ def _run(arguments: list[str], log: Path) -> None:
         raise OutputError(f"'ocplanner {' '.join(arguments)}' failed with status {done.returncode}; see {log}")
 
 
-def _images(work: Path, observe: str) -> Path:
+def images(work: Path, observe: str) -> Path:
+    """The rendered data set of one kind of observation."""
     return work / f"square_{observe}.hdf5"
 
 
 def render_images(experiments: Iterable[PlannerExperiment], data: Path, work: Path, workers: int) -> Iterator[str]:
     """Render the data set once for each kind of observation that the planners see; yields what was made."""
     for observe in dict.fromkeys(experiment.observe for experiment in experiments):
-        target = _images(work, observe)
+        target = images(work, observe)
         if not target.exists():
             flags = ["--observe", observe, "--frames", "manipulation", "--workers", str(workers)]
-            _run(["render", str(data), str(target), *flags], work / "logs" / f"render_{observe}.log")
+            run_command(["render", str(data), str(target), *flags], work / "logs" / f"render_{observe}.log")
             yield target.name
 
 
@@ -48,9 +49,9 @@ def train(experiment: PlannerExperiment, work: Path) -> PlannerExperiment:
     run = work / experiment.name
     if not (run / "planner.safetensors").exists():
         flags = ["--horizon", str(experiment.horizon), "--outputs", experiment.outputs, "--observe", experiment.observe]
-        images = _images(work, experiment.observe)
-        arguments = ["train-planner", "--data", str(images), "--run", str(run), *flags, "--seed", str(experiment.seed)]
-        _run(arguments, work / "logs" / f"{experiment.name}.log")
+        data = str(images(work, experiment.observe))
+        arguments = ["train-planner", "--data", data, "--run", str(run), *flags, "--seed", str(experiment.seed)]
+        run_command(arguments, work / "logs" / f"{experiment.name}.log")
     return experiment
 
 
@@ -70,7 +71,7 @@ def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes
         flags += ["--episodes", str(episodes), "--seed-start", "10000", "--workers", str(workers)]
         if experiment.mask_error:
             flags += ["--mask-error", str(experiment.mask_error)]
-        _run(
+        run_command(
             ["transfer", "--planner", str(planner), *flags, "--out", str(out)], work / "logs" / f"{experiment.name}.log"
         )
     return experiment.name

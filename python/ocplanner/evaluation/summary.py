@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation import held_out
+from ocplanner.evaluation import encoders, held_out
 
 NOTHING = "Not measured yet."
 
@@ -63,6 +63,36 @@ def held_out_table(results: Path) -> str:
         return NOTHING
     head = ("planner", "stage", "ADE mm", "FDE mm", "path mm", "rotation deg (median)", "last yaw more than 45 deg off")
     return _markdown(head, map(_errors, rows))
+
+
+def encoder_table(results: Path) -> str:
+    """What the search for the smallest encoder measured, in its order.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    path = results / encoders.NAME
+    if not path.exists():
+        return NOTHING
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+        texts = [_encoder(row) for row in rows]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{path} is damaged ({error!r}); delete it and measure again") from error
+    head = ("encoder", "pool", "steps", "seed", "planner MB", "a plan, ms", "ADE mm", "FDE mm", "rotation deg")
+    return _markdown(head, texts)
+
+
+def _encoder(row: Mapping[str, Any]) -> list[str]:
+    return [
+        "ResNet18" if row["encoder"] == "resnet18" else "-".join(map(str, row["channels"])),
+        row["pool"].replace("_", " "),
+        str(row["predictor_steps"] + row["finetune_steps"]),
+        str(row["seed"]),
+        f"{row['bytes'] / 1e6:.1f}",
+        f"{row['plan_ms']:.2f}",
+        *(f"{row[name]:.1f}" for name in ("ade_mm", "fde_mm", "rotation_deg")),
+    ]
 
 
 def _errors(row: Mapping[str, Any]) -> list[str]:
