@@ -41,6 +41,7 @@ def test_unknown_names_list_the_known(make):
     [
         (NetworkConfig, {"horizon": 0}),
         (NetworkConfig, {"crop": 100}),
+        (NetworkConfig, {"image_size": 1025}),
         (NetworkConfig, {"modes": 0}),
         (NetworkConfig, {"latent": 0}),
         (EncoderConfig, {"channels": ()}),

@@ -77,6 +77,9 @@ class NetworkConfig:
         """Check the numbers."""
         _require_choice("outputs", self.outputs, Outputs)
         _require(self.horizon >= 1, f"horizon {self.horizon} must be at least 1 step")
+        _require(
+            self.image_size <= 1024, f"image_size {self.image_size}: the engine reads images of 1024 pixels at most"
+        )
         _require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
         _require(self.modes >= 1, f"modes {self.modes} must be at least 1")
         widths = (self.latent, self.trajectory_hidden, self.decoder_hidden, *self.predictor_hidden)
