@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument(
         "--simd",
         nargs="*",
-        choices=["best", "avx512", "avx2", "portable"],
+        choices=["best", *rows.LEVELS],
         default=["best"],
         help="instruction sets of our engine; any but best adds its name to the case",
     )

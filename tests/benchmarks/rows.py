@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 
 Row = dict[str, Any]
 
+LEVELS = ("avx512", "avx2", "portable")
+"""Instruction sets that our engine can be held to; a case name that ends in one was."""
+
 START, END = "<!-- BENCH -->", "<!-- end BENCH -->"
 _SCALE = {"ms": 1e3, "us": 1e6}
 _INK = "#848d97"
 """Grey that reads on a white page as on a dark one; the figure itself is transparent."""
 _COLORS = {"torch eager": "#d55e00", "torch.compile": "#cc79a7", "onnxruntime": "#3a9bdc", "openvino": "#009e73"}
-_OTHER_COLOR = "#b07d00"
 
 
 def row(case: str, unit: str, measured: Measured) -> Row:
@@ -73,8 +75,12 @@ def insert(page: Path, text: str) -> None:
 
 
 def chart(rows: list[Row], path: Path) -> None:
-    """Bars of the peers' times as multiples of ours, one group a case."""
-    bars = [(each["case"], [(peer, each["ratio"][peer]) for peer in each["ratio"]]) for each in rows if each["ratio"]]
+    """Bars of the runtimes' times as multiples of ours, one group a case at the best instruction set."""
+    bars = [
+        (each["case"], [(peer, each["ratio"][peer]) for peer in _COLORS if peer in each["ratio"]])
+        for each in rows
+        if not each["case"].endswith(LEVELS) and any(peer in each["ratio"] for peer in _COLORS)
+    ]
     height = sum(len(group) + 1 for _, group in bars)
     figure = Figure(figsize=(8, 0.2 * height + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -86,7 +92,7 @@ def chart(rows: list[Row], path: Path) -> None:
             at += 1
             label = "_" if peer in labelled else peer
             labelled.add(peer)
-            axes.barh(at, ratio, height=0.8, color=_COLORS.get(peer, _OTHER_COLOR), label=label)
+            axes.barh(at, ratio, height=0.8, color=_COLORS[peer], label=label)
             axes.annotate(
                 f"{ratio:.2f}x", (ratio, at), (3, 0), textcoords="offset points", va="center", fontsize=7, color=_INK
             )
@@ -101,7 +107,7 @@ def chart(rows: list[Row], path: Path) -> None:
     for name, spine in axes.spines.items():
         spine.set_visible(name == "bottom")
         spine.set_color(_INK)
-    axes.legend(fontsize=8, frameon=False, labelcolor=_INK, loc="upper center", ncols=5, bbox_to_anchor=(0.5, 1.0))
+    figure.legend(fontsize=8, frameon=False, labelcolor=_INK, loc="outside upper left", ncols=len(_COLORS))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150, transparent=True)
 

@@ -80,6 +80,7 @@ CALLS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
     "pose of one": (ShapeError, lambda: _core.delta_pose_action((np.zeros(3),), POSE, POSE, EYE)),  # type: ignore[arg-type]
     "pose of three": (ShapeError, lambda: _core.invert_pose((np.zeros(3), EYE, EYE))),  # type: ignore[arg-type]
     "misaligned position": (ShapeError, lambda: _core.delta_pose_action((misaligned(), EYE), POSE, POSE, EYE)),
+    "result of 33 axes": (ShapeError, lambda: _core.rotation_exp(np.zeros((1,) * 31 + (3,)))),
     "misaligned rows": (ShapeError, lambda: _core.rotation_exp(misaligned())),
     "name that is no Unicode": (InvalidValueError, lambda: _core.DeltaPoseController("\ud800")),
     "storage that is no Unicode": (InvalidValueError, lambda: _core.PlannerEngine(b"", "\ud800")),  # type: ignore[arg-type]

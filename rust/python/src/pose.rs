@@ -40,7 +40,14 @@ fn map_rows<'py, const N: usize>(
     finish(py, values, &[leading, output].concat())
 }
 
+/// Most axes that an array may have.
+const MOST_AXES: usize = 32;
+
 fn finish<'py>(py: Python<'py>, values: Vec<f64>, shape: &[usize]) -> PyResult<Output<'py>> {
+    if shape.len() > MOST_AXES {
+        let message = format!("the result would have {} axes, NumPy allows {MOST_AXES}", shape.len());
+        return Err(shape_error(py, message));
+    }
     let array = ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| shape_error(py, error.to_string()))?;
     Ok(array.into_pyarray(py))
 }
