@@ -1,5 +1,5 @@
 //! Convolutions of the shapes that the encoders have, for 76-pixel crops.
-#![expect(missing_docs, reason = "criterion's macros write undocumented functions")]
+#![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::{noise, on_every_level};

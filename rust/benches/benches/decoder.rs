@@ -1,5 +1,5 @@
 //! The LSTM decoder, whole plans and a single step.
-#![expect(missing_docs, reason = "criterion's macros write undocumented functions")]
+#![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use std::hint::black_box;
 

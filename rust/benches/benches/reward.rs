@@ -1,5 +1,5 @@
 //! The reward of an episode whose plans are at hand.
-#![expect(missing_docs, reason = "criterion's macros write undocumented functions")]
+#![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::noise;
