@@ -5,6 +5,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::{noise, on_every_level};
 use ocplanner_core::nn::conv::{Conv, ConvWeights, Plane, Window};
 use ocplanner_core::nn::kernels::{Buffer, Storage, padded};
+use ocplanner_core::nn::winograd::WinogradWorkspace;
 
 /// Name, side of the input, channels in and out, kernel, stride.
 const SHAPES: [(&str, usize, usize, usize, usize, usize); 12] = [
@@ -38,7 +39,10 @@ fn convolutions(criterion: &mut Criterion) {
                 let mut output = Buffer::zeros(batch * conv.output.len());
                 let products = batch * conv.output.height * conv.output.width * weight.len();
                 group.throughput(Throughput::Elements(products as u64));
-                group.bench_function(label, |bench| bench.iter(|| conv.run(batch, &input, &mut output, false)));
+                let mut workspace = WinogradWorkspace::default();
+                group.bench_function(label, |bench| {
+                    bench.iter(|| conv.run(batch, &input, &mut output, false, &mut workspace));
+                });
             }
         });
     }
