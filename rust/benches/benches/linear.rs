@@ -2,6 +2,8 @@
 #![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
 use ocplanner_benches::{noise, on_every_level};
 use ocplanner_core::nn::kernels::{Buffer, Storage, padded};
 use ocplanner_core::nn::linear::Linear;
@@ -34,5 +36,22 @@ fn linears(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, linears);
+/// The library that a kernel of our own has to beat: the same products by faer, one thread, without bias and rectifier.
+fn faer_products(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("faer");
+    for (name, inputs, outputs) in SHAPES {
+        let weight = Mat::<f32>::from_fn(inputs, outputs, |i, j| ((i * 31 + j * 17) % 97) as f32 / 97.0);
+        for rows in [1, 64] {
+            let input = Mat::<f32>::from_fn(rows, inputs, |i, j| ((i * 13 + j * 29) % 89) as f32 / 89.0);
+            let mut output = Mat::<f32>::zeros(rows, outputs);
+            group.throughput(Throughput::Elements((rows * inputs * outputs) as u64));
+            group.bench_function(format!("{name}, {rows} rows"), |bench| {
+                bench.iter(|| matmul(&mut output, Accum::Replace, &input, &weight, 1.0, Par::Seq));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, linears, faer_products);
 criterion_main!(benches);

@@ -7,6 +7,8 @@
 //! Positions are metres, rotations row-major 3 x 3 matrices from the named frame to the world, velocities m/s and
 //! rad/s, torques N m. Wrenches, velocities and gains order the translation before the rotation.
 
+use faer::{Mat, Side};
+
 use crate::error::{Error, Result};
 
 /// The most joints an arm may have.
@@ -254,43 +256,19 @@ fn definite_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N];
     Some(std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (columns[i][j] + columns[j][i]))))
 }
 
-/// By cyclic Jacobi rotations, which find small eigenvalues as accurately as large ones.
+/// Through the eigenvectors; all NaN if they cannot be found, which takes a matrix that is not finite.
 fn pseudo_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> [[f64; N]; N] {
-    const SWEEPS: usize = 30;
     const CUTOFF: f64 = 1e-15;
-    let mut a = *matrix;
-    let mut vectors: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
-    for _ in 0..SWEEPS {
-        let mut rotated = false;
-        for p in 0..N {
-            for q in p + 1..N {
-                if a[p][q].abs() <= f64::EPSILON * 1e-3 * (a[p][p] * a[q][q]).abs().sqrt() || a[p][q] == 0.0 {
-                    continue;
-                }
-                rotated = true;
-                let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let c = 1.0 / t.hypot(1.0);
-                let s = t * c;
-                for row in &mut a {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-                let (above, below) = a.split_at_mut(q);
-                for (x, y) in above[p].iter_mut().zip(&mut below[0]) {
-                    (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-                }
-                for row in &mut vectors {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-            }
-        }
-        if !rotated {
-            break;
-        }
-    }
-    let largest = (0..N).map(|i| a[i][i].abs()).fold(0.0, f64::max);
-    let inverse: [f64; N] = std::array::from_fn(|i| if a[i][i].abs() > CUTOFF * largest { 1.0 / a[i][i] } else { 0.0 });
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..N).map(|k| vectors[i][k] * inverse[k] * vectors[j][k]).sum()))
+    let Ok(eigen) = Mat::from_fn(N, N, |i, j| matrix[i][j]).self_adjoint_eigen(Side::Lower) else {
+        return [[f64::NAN; N]; N];
+    };
+    let (values, vectors) = (eigen.S(), eigen.U());
+    let largest = (0..N).map(|k| values[k].abs()).fold(0.0, f64::max);
+    let inverse: [f64; N] =
+        std::array::from_fn(|k| if values[k].abs() > CUTOFF * largest { 1.0 / values[k] } else { 0.0 });
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| (0..N).map(|k| vectors[(i, k)] * inverse[k] * vectors[(j, k)]).sum())
+    })
 }
 
 /// The lower factor of the leading `n` x `n` block, or `None` if it is not positive definite.
