@@ -23,7 +23,10 @@ def test_each_has_a_name_of_its_own_and_flags_that_say_what_it_is():
         config = tyro.cli(TrainPlanner, args=flags).configuration()
         assert (config.network.encoder.type, config.network.encoder.pool) == (experiment.encoder, experiment.pool)
         assert experiment.encoder == "resnet18" or config.network.encoder.channels == experiment.channels
-        assert (config.predictor.steps, config.finetune.steps) == (1500, 500)
+        assert (config.predictor.steps, config.finetune.steps) == (
+            experiment.predictor_steps,
+            experiment.finetune_steps,
+        )
 
 
 @pytest.fixture

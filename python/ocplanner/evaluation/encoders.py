@@ -54,13 +54,18 @@ def encoder_experiments(seeds: Iterable[int]) -> tuple[EncoderExperiment, ...]:
     """ResNet18 as robomimic has it, then small trunks from narrow to wide and one with robomimic's keypoints.
 
     A ResNet18 takes an hour on one core, so all are trained for 2,000 steps (predictor and fine-tuning), where the
-    default has 5,000; it is trained with the first seed only.
+    default has 5,000; it is trained with the first seed only. The small ones up to the default's size are also trained
+    for all 5,000.
     """
     first, *rest = seeds
     trunks = [(8, 16, 32, 64), (12, 24, 48, 96), (16, 32, 64, 128), (24, 48, 96, 192)]
     experiments = [EncoderExperiment("resnet18", pool="spatial_softmax", seed=first)]
     experiments += [EncoderExperiment(channels=channels, seed=first) for channels in trunks]
     experiments.append(EncoderExperiment(pool="spatial_softmax", seed=first))
+    experiments += [
+        EncoderExperiment(channels=channels, predictor_steps=3500, finetune_steps=1500, seed=first)
+        for channels in trunks[:3]
+    ]
     experiments += [EncoderExperiment(channels=channels, seed=seed) for seed in rest for channels in trunks]
     return tuple(experiments)
 

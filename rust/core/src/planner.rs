@@ -189,7 +189,7 @@ impl Planner {
             .iter()
             .map(|camera| Encoder::load(level, storage, &config.encoder, camera, config.crop, &mut file))
             .collect::<Result<Vec<_>>>()?;
-        let predictor = load_predictor(level, storage, &config, encoders[0].feature_stride(), &mut file)?;
+        let predictor = load_predictor(level, &config, encoders[0].feature_stride(), &mut file)?;
         let decoder = load_decoder(level, storage, &config, &mut file)?;
         file.finish()?;
         Ok(Self { config, config_json, encoders, predictor, decoder, idle: Mutex::new(Vec::new()) })
@@ -494,9 +494,9 @@ fn probability(config: &PlannerConfig, row: &[f32], mode: usize) -> Result<f64> 
     Ok(belief)
 }
 
+/// The predictor's weights are f32 whatever the storage: rounding them would move the latent most for its saving.
 fn load_predictor(
     level: Level,
-    storage: Storage,
     config: &PlannerConfig,
     feature_stride: usize,
     file: &mut WeightFile,
@@ -517,7 +517,7 @@ fn load_predictor(
             column if column < block => weight[out * inputs + k / stride * block + column],
             _ => 0.0,
         };
-        layers.push(Linear::new(level, storage, outputs, row, at, &bias, relu));
+        layers.push(Linear::new(level, Storage::F32, outputs, row, at, &bias, relu));
         inputs = outputs;
     }
     Ok(layers)

@@ -11,9 +11,13 @@ pub enum Storage {
     /// As in the file.
     #[default]
     F32,
-    /// Rounded to bf16: half the memory traffic.
+    /// Rounded to bf16 where that pays, in layers of at least [`ROUNDED_FROM`]: half the memory traffic.
     Bf16,
 }
+
+/// Bytes of f32 weights from which on a layer is worth rounding: smaller ones stay in the second-level cache from one
+/// plan to the next, and their rounding would move the plan for nothing.
+pub const ROUNDED_FROM: usize = 1 << 20;
 
 /// Packed weights.
 #[derive(Debug, Clone)]
@@ -29,8 +33,10 @@ impl Stored {
     #[must_use]
     pub fn new(storage: Storage, values: Buffer) -> Self {
         match storage {
-            Storage::F32 => Self::F32(values),
-            Storage::Bf16 => Self::Bf16(values.iter().map(|&value| bf16::from_f32(value)).collect()),
+            Storage::Bf16 if size_of_val(&values[..]) >= ROUNDED_FROM => {
+                Self::Bf16(values.iter().map(|&value| bf16::from_f32(value)).collect())
+            }
+            Storage::F32 | Storage::Bf16 => Self::F32(values),
         }
     }
 
