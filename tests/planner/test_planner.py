@@ -87,9 +87,8 @@ def test_agrees_with_torch(tmp_path: Path, case: str, batch: int) -> None:
     config = planner_config(**CASES[case])
     tensors = random_tensors(config, seed=3)
     if config["encoder"]["type"] == "resnet18":
-        batch = min(
-            batch, 9
-        )  # torch takes its time in float64; from 5 on every layer that can uses Winograd's transforms
+        # Torch takes its time in float64; from 5 images on every layer that can uses Winograd's transforms.
+        batch = min(batch, 9)
     check(Planner.load(write_planner(tmp_path / "p.safetensors", config, tensors)), config, tensors, batch)
 
 
