@@ -55,8 +55,8 @@ class Planner:
         Args:
             path: a ``.safetensors`` file written by ``ocplanner train-planner``.
             storage: ``f32`` keeps the weights as in the file. ``bf16`` rounds those of layers of 1 MiB and more
-                (the late convolutions of ResNet18, large LSTMs), which saves memory traffic and moves a plan by fractions
-                of a millimetre; small planners stay as they are. The arithmetic is float32 either way.
+                (the late convolutions of ResNet18, large LSTMs), which saves memory traffic and moves a plan by
+                fractions of a millimetre; small planners stay as they are. The arithmetic is float32 either way.
 
         Raises:
             PlannerFileError: the file is missing, damaged, or not a planner.
