@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::conv::{Conv, ConvWeights, MaxPool, Plane, Window};
-use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax};
+use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax, widen};
 use super::linear::Linear;
 use super::winograd::WinogradWorkspace;
 use crate::error::Result;
@@ -255,9 +255,7 @@ impl Encoder {
         for row in 0..self.crop {
             let source = &image[((row + inset) * size + inset) * 3..][..self.crop * 3];
             let start = (row + plane.border) * plane.row_stride() + plane.border * 3;
-            for (to, &byte) in pixels[start..start + self.crop * 3].iter_mut().zip(source) {
-                *to = f32::from(byte);
-            }
+            widen(self.level, source, &mut pixels[start..start + self.crop * 3]);
         }
     }
 }

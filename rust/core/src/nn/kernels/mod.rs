@@ -19,7 +19,7 @@ pub use buffer::Buffer;
 pub use level::Level;
 pub use lstm::{LstmStep, lstm_step};
 pub use matmul::{Gather, Panels, Product, matmul};
-pub use pool::{max_pool, spatial_softmax, tanh_in_place};
+pub use pool::{max_pool, spatial_softmax, tanh_in_place, widen};
 pub use stored::{Storage, Stored};
 pub use winograd::{Finish, Scheme, Tiles, transform_input, transform_output};
 

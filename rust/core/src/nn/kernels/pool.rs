@@ -116,6 +116,25 @@ unsafe fn softmax_channels<V: Vector>(job: &mut Softmax<'_>) {
     }
 }
 
+/// Copies bytes as numbers.
+///
+/// # Panics
+/// If the slices differ in length: a fault of this crate, not of its input.
+pub fn widen(level: Level, bytes: &[u8], numbers: &mut [f32]) {
+    assert_eq!(bytes.len(), numbers.len(), "one number for each byte");
+    let mut job = (bytes, numbers);
+    // SAFETY: the loop stays inside the slices.
+    dispatch!(level, widen_all, &mut (&[u8], &mut [f32]), &mut job);
+}
+
+/// Left to the compiler, which knows the instruction set here.
+#[inline(always)]
+unsafe fn widen_all<V: Vector>(job: &mut (&[u8], &mut [f32])) {
+    for (number, &byte) in job.1.iter_mut().zip(job.0) {
+        *number = f32::from(byte);
+    }
+}
+
 /// Replaces every number by its hyperbolic tangent.
 pub fn tanh_in_place(level: Level, values: &mut [f32]) {
     let mut values = values;
