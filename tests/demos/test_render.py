@@ -1,7 +1,10 @@
+import contextlib
 import hashlib
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -82,6 +85,29 @@ def test_a_killed_run_goes_on_and_ends_the_same(tiny_square, rendered, tmp_path)
     assert len(seen) == 4
     assert _content(target) == _content(rendered)
     assert not parts.exists()
+
+
+def test_an_impatient_ctrl_c_ends_at_once_and_keeps_what_is_done(tiny_square, tmp_path):
+    target = tmp_path / "stopped.hdf5"
+    command = [sys.executable, "-m", "ocplanner", "render", str(tiny_square()), str(target), "--size", "24"]
+    with subprocess.Popen(
+        [*command, "--frames", "manipulation"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        parts = target.with_name("stopped.hdf5.parts")
+        deadline = time.monotonic() + 120
+        while not list(parts.glob("*.hdf5")) and time.monotonic() < deadline and process.poll() is None:
+            time.sleep(0.02)
+        for _ in range(2):
+            os.killpg(process.pid, signal.SIGINT)  # the terminal sends it to the workers too
+            time.sleep(0.1)
+        try:
+            _, told = process.communicate(timeout=30)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130, told
+    assert "run the same command again" in told
+    assert list(parts.glob("*.hdf5"))
 
 
 def test_workers_do_not_change_the_result(tiny_square, rendered, tmp_path):

@@ -7,10 +7,8 @@ masks that other arms would have with their end effector where the recorded one 
 import json
 import multiprocessing
 import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,8 @@ from ocplanner.demos.dataset import RENDER_ATTRIBUTE, Demonstrations
 from ocplanner.demos.frames import FrameRenderer, RenderSettings
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.tasks import task_of_env
-from ocplanner.errors import DatasetError, InvalidValueError, OcplannerError
+from ocplanner.errors import DatasetError, InvalidValueError
+from ocplanner.evaluation.rollouts import run_episodes
 
 Progress = Callable[[str, int], None]
 """Called with the name and the number of steps of each demonstration that is done."""
@@ -53,6 +52,7 @@ def render_dataset(
         DatasetError: the source has no states, or they are another task's or arm's.
         OutputError: the target exists or cannot be written.
         RenderingError: no working headless OpenGL.
+        WorkerError: a demonstration killed its process three times (out of memory?).
     """
     if workers < 1 or (limit is not None and limit < 1):
         raise InvalidValueError(f"workers and limit must be at least 1, not {workers} and {limit}")
@@ -68,81 +68,34 @@ def render_dataset(
             for name in names:
                 if name in done and progress:
                     progress(name, demos[name].length)
-            waiting = [name for name in names if name not in done]
-            workplace = (demos.path, task.name, demos.robots[0], settings)
-            for name, arrays in _rendered(workplace, waiting, workers):
-                demo = demos[name]
-                writer.add(name, {**demo.arrays(), **arrays}, demo.attrs)
+            waiting = [number for number, name in enumerate(names) if name not in done]
+            make = partial(_Worker, demos.path, task.name, demos.robots[0], settings)
+            for number, arrays in run_episodes(make, _Worker.render, waiting, min(workers, len(waiting))):
+                demo = demos[number]
+                writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
                 if progress:
-                    progress(name, demo.length)
+                    progress(demo.name, demo.length)
             masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
-
-
-_Workplace = tuple[Path, str, str, RenderSettings]
-
-
-def _rendered(workplace: _Workplace, names: Sequence[str], workers: int) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-    """The arrays of each demonstration as they get ready; at most two a worker are in flight."""
-    if workers == 1 or len(names) < 2:
-        worker = _Worker(*workplace)
-        try:
-            for name in names:
-                yield name, worker.render(name)
-        finally:
-            worker.close()
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start_worker, workplace) as pool:
-        queue, running = iter(names), {}
-        try:
-            while True:
-                while len(running) < 2 * workers and (name := next(queue, None)) is not None:
-                    running[pool.submit(_render_in_worker, name)] = name
-                if not running:
-                    return
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    yield running.pop(future), future.result()
-        except BrokenProcessPool as error:
-            raise OcplannerError(
-                "a rendering process died (out of memory?); run the same command again to go on"
-            ) from error
-        finally:
-            for future in running:
-                future.cancel()
 
 
 class _Worker:
     """The source and the environments of one process; made when the first demonstration asks for them."""
 
     def __init__(self, source: Path, task_name: str, robot: str, settings: RenderSettings) -> None:
+        if multiprocessing.parent_process() is not None:
+            # Mesa's software renderer starts a thread a core; with a process a core those only get in each other's way.
+            os.environ.setdefault("LP_NUM_THREADS", "1")
         self._demos = Demonstrations(source)
         self._make = lambda: FrameRenderer(task_name, robot, settings)
         self._renderer: FrameRenderer | None = None
 
-    def render(self, name: str) -> dict[str, np.ndarray]:
+    def render(self, number: int) -> dict[str, np.ndarray]:
         if self._renderer is None:
             self._renderer = self._make()
-        return self._renderer.render(self._demos[name])
+        return self._renderer.render(self._demos[number])
 
     def close(self) -> None:
         self._demos.close()
         if self._renderer is not None:
             self._renderer.close()
-
-
-_worker: _Worker | None = None
-
-
-def _start_worker(*workplace: object) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which lets its workers finish
-    # Mesa's software renderer starts a thread a core; with a process a core those only get in each other's way.
-    os.environ.setdefault("LP_NUM_THREADS", "1")
-    _worker = _Worker(*workplace)  # type: ignore[arg-type]
-
-
-def _render_in_worker(name: str) -> dict[str, np.ndarray]:
-    if _worker is None:
-        raise RuntimeError("the worker was not started")
-    return _worker.render(name)
