@@ -22,9 +22,9 @@ class Render:
     Stop it whenever you like: the same command goes on where it was.
     """
 
-    source: Annotated[Path, tyro.conf.Positional]
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
     """robomimic data set with states."""
-    target: Annotated[Path, tyro.conf.Positional]
+    target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TARGET")]
     """File to make: a copy with images."""
     observe: Observe = "masked"
     """What the images show: everything, the robot painted flat, or no robot at all."""

@@ -141,7 +141,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     """
     render: dict[str, Any] = demos.render_settings or {}
     observe = config.observe
-    remedy = f"`ocplanner render {demos.path} --observe {observe} --cameras {' '.join(config.cameras)}`"
+    remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"
     if demos.env_name not in TASK_OBJECTS:
         raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {', '.join(sorted(TASK_OBJECTS))}")
     if not demos.cameras:
