@@ -47,7 +47,7 @@ def test_a_table_that_does_not_end_is_an_error():
 
 def test_the_committed_tables_are_those_of_the_committed_results(tmp_path):
     (tmp_path / "results").mkdir()
-    for name in ("transfer", "mask_error", "heldout.json"):
+    for name in ("transfer", "mask_error", "heldout.json", "encoders.json"):
         (tmp_path / "results" / name).symlink_to(ROOT / "results" / name)
     committed = {path: (ROOT / path).read_text() for path in ("README.md", "results/README.md")}
     for path, text in committed.items():
