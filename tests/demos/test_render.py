@@ -90,9 +90,14 @@ def test_a_killed_run_goes_on_and_ends_the_same(tiny_square, rendered, tmp_path)
 def test_an_impatient_ctrl_c_ends_at_once_and_keeps_what_is_done(tiny_square, tmp_path):
     target = tmp_path / "stopped.hdf5"
     # Pictures so large that the last demonstrations take seconds after the first is done.
-    command = [sys.executable, "-m", "ocplanner", "render", str(tiny_square()), str(target), "--size", "480"]
+    command = [sys.executable, "-m", "ocplanner", "render", str(tiny_square()), str(target), "--size", "160"]
     with subprocess.Popen(
-        [*command, "--frames", "manipulation"], stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*command, "--frames", "manipulation"],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # A shell's background job ignores the signal, and what it starts would too.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         parts = target.with_name("stopped.hdf5.parts")
         deadline = time.monotonic() + 120
