@@ -1,16 +1,14 @@
 """The search for the smallest image encoder: which ones are trained, and what is measured of each."""
 
-import json
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ocplanner.evaluation import reproduction
+from ocplanner.evaluation import held_out, reproduction
 from ocplanner.planner.config import EncoderType, Pool
 from ocplanner.planner.planner import Planner
 from ocplanner.storage import atomic_json
@@ -106,17 +104,12 @@ def write(experiments: Iterable[EncoderExperiment], work: Path, results: Path, c
     rows = []
     for experiment, milliseconds in zip(done, _time(planners), strict=True):
         run = work / "encoders" / experiment.name
-        errors = next(row for row in _final(run) if row["kept"] and row["appearance"] == "source")
+        errors = next(row for row in held_out.final_rows(run) if row["kept"] and row["appearance"] == "source")
         size = (run / "planner.safetensors").stat().st_size
         rows.append({"name": experiment.name, **asdict(experiment), "bytes": size, "plan_ms": milliseconds, **errors})
     content = {"command": command, "data": "Square PH, mask/valid", "versions": installed(), "rows": rows}
     atomic_json(results / NAME, content)
     return results / NAME
-
-
-def _final(run: Path) -> list[dict[str, Any]]:
-    lines = (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-    return [row for row in map(json.loads, lines) if row.get("stage") == "final"]
 
 
 def _time(planners: list[Planner]) -> list[float]:

@@ -43,6 +43,12 @@ def read(results: Path) -> dict[str, Any]:
     return content
 
 
+def final_rows(run: Path) -> list[dict[str, Any]]:
+    """The errors that a finished run recorded: one row for each candidate and arm shown."""
+    lines = (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    return [row for row in map(json.loads, lines) if row.get("stage") == "final"]
+
+
 def write(
     trained: Iterable[PlannerExperiment], order: Sequence[PlannerExperiment], work: Path, results: Path, command: str
 ) -> Path:
@@ -68,8 +74,7 @@ def write(
         dated = row if old.get("versions") == versions else {"versions": old.get("versions"), **row}
         rows.setdefault(row["planner"], []).append(dated)
     for experiment in trained:
-        lines = (work / experiment.name / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-        final = [row for row in map(json.loads, lines) if row.get("stage") == "final"]
+        final = final_rows(work / experiment.name)
         rows[experiment.name] = [{"planner": experiment.name, **asdict(experiment), **row} for row in final]
     listed = {experiment.name: i for i, experiment in enumerate(order)}
     names = sorted(rows, key=lambda name: listed.get(name, len(listed)))
