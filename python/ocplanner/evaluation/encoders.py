@@ -23,7 +23,7 @@ class EncoderExperiment:
     """An H = 20 pose planner of masked images with one encoder; the same steps and batches for each encoder."""
 
     encoder: EncoderType = "small"
-    channels: tuple[int, ...] = (16, 32, 64, 128)
+    channels: tuple[int, ...] = (8, 16, 32, 64)
     pool: Pool = "flatten"
     predictor_steps: int = 1500
     finetune_steps: int = 500
@@ -59,7 +59,7 @@ def encoder_experiments(seeds: Iterable[int]) -> tuple[EncoderExperiment, ...]:
     trunks = [(8, 16, 32, 64), (12, 24, 48, 96), (16, 32, 64, 128), (24, 48, 96, 192)]
     experiments = [EncoderExperiment("resnet18", pool="spatial_softmax", seed=first)]
     experiments += [EncoderExperiment(channels=channels, seed=first) for channels in trunks]
-    experiments.append(EncoderExperiment(pool="spatial_softmax", seed=first))
+    experiments.append(EncoderExperiment(channels=(16, 32, 64, 128), pool="spatial_softmax", seed=first))
     experiments += [
         EncoderExperiment(channels=channels, predictor_steps=3500, finetune_steps=1500, seed=first)
         for channels in trunks[:3]

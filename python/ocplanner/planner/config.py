@@ -33,7 +33,7 @@ class EncoderConfig:
     """One camera's image encoder."""
 
     type: EncoderType = "small"
-    channels: tuple[int, ...] = (16, 32, 64, 128)
+    channels: tuple[int, ...] = (8, 16, 32, 64)
     """Channels of the small encoder's 3x3, stride-2 convolutions; ignored by resnet18."""
     pool: Pool = "flatten"
     keypoints: int = 32
