@@ -201,6 +201,19 @@ def test_an_unsupported_controller_keeps_robosuites_loop() -> None:
     env.close()
 
 
+def test_an_unknown_mujoco_falls_back_with_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco, "__version__", "99.0.0")
+    with pytest.warns(RuntimeWarning, match=r"robosuite's own control loop is used.*mujoco 99\.0\.0 has loaded no"):
+        env = make_env("Lift")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for seed in range(2):
+            env.reset(seed)
+            env.step(np.zeros(7))
+    assert (env.control, env.steps) == ("stock", 1)
+    env.close()
+
+
 def test_a_controller_changed_at_run_time_falls_back_with_one_warning() -> None:
     env = _make("Panda")
     assert attach(env) is not None

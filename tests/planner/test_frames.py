@@ -54,6 +54,12 @@ def test_futures_are_the_next_poses_padded_with_the_last(length, horizon, data):
             assert np.array_equal(found.positions[i, k], positions[min(t + k + 1, stop - 1)])
 
 
+def test_the_visual_preset_is_read_from_the_data_set(rendered, tmp_path):
+    for visual in ("stock", None):
+        with Demonstrations(with_render(rendered, tmp_path / f"{visual}.hdf5", visual=visual)) as demos:
+            assert data_settings(demos, PlannerTraining()).visual == visual
+
+
 def test_loading_keeps_the_manipulation_only(rendered):
     config = PlannerTraining()
     with Demonstrations(rendered) as demos:

@@ -9,6 +9,7 @@ from safetensors.torch import load_file
 from ocplanner.errors import OutputError, TrainingError
 from ocplanner.planner.export import read_planner_file
 from ocplanner.planner.frames import CameraFrames
+from ocplanner.planner.planner import Planner
 from ocplanner.planner.run_folder import RunFolder
 from ocplanner.planner.stages import PredictorStage
 from ocplanner.planner.train import train_on_frames
@@ -39,6 +40,11 @@ def test_a_run_folder_holds_everything(frames, tmp_path, tiny, settings):
     config, _ = read_planner_file(planner)
     assert config["training"]["held_out"]["source"]["ade_mm"] > 0
     assert planner.stat().st_mode == (tmp_path / "run" / "config.yaml").stat().st_mode
+
+
+def test_the_visual_preset_of_the_images_travels_with_the_planner(frames, tmp_path, tiny, settings):
+    planner = train_on_frames(tiny(), *frames, settings._replace(visual="stock"), tmp_path / "run")
+    assert Planner.load(planner).config["visual"] == "stock"
 
 
 def test_losses_fall(frames, tmp_path, tiny, settings):

@@ -6,9 +6,11 @@ import pytest
 
 import ocplanner as ocp
 from ocplanner.cli import main
+from ocplanner.envs import make_env
 from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.planner.planner import Planner
 from ocplanner.report.video import read_video
+from ocplanner.transfer import loop
 from ocplanner.transfer.loop import make_scenario
 from ocplanner.transfer.settings import GraspSettings, TransferSettings
 from random_planner import write_random_planner
@@ -28,6 +30,9 @@ def planner(tmp_path_factory):
     [
         ({"task": "Lift"}, MismatchError, "plans for the task Square, not Lift"),
         ({"observe": "full"}, MismatchError, "trained on observe=masked, not full"),
+        ({"visual": "stock"}, MismatchError, "trained on the visual preset fast, not stock.*--allow-mismatch"),
+        ({"visual": "pretty"}, UnknownNameError, "known: fast, stock"),
+        ({"control": "fastest"}, UnknownNameError, "known: native, stock"),
         ({"robot": "Sawyr"}, UnknownNameError, "known: .*Sawyer"),
         ({"follow": "blind"}, UnknownNameError, "open-loop"),
         ({"episodes": 0}, InvalidValueError, "at least 1"),
@@ -44,6 +49,35 @@ def test_mask_error_needs_masks(tmp_path):
     write_random_planner(path, observe="full")
     with pytest.raises(MismatchError, match="masked"):
         make_scenario(Planner.load(path), "Sawyer", mask_error=2)
+
+
+def test_the_visual_preset_is_the_planners_unless_a_mismatch_is_asked_for(planner):
+    assert make_scenario(planner, "Sawyer").visual == "fast"
+    assert make_scenario(planner, "Sawyer", visual="fast").visual == "fast"
+    assert make_scenario(planner, "Sawyer", visual="stock", allow_mismatch=True).visual == "stock"
+
+
+def test_images_of_an_unknown_preset_want_it_named(tmp_path):
+    path = tmp_path / "p.safetensors"
+    write_random_planner(path, visual=None)
+    planner = Planner.load(path)
+    with pytest.raises(MismatchError, match="does not say with which visual preset"):
+        make_scenario(planner, "Sawyer")
+    assert make_scenario(planner, "Sawyer", visual="stock").visual == "stock"
+
+
+def test_what_was_asked_for_is_run_and_recorded(planner, monkeypatch):
+    made = []
+
+    def make(*arguments, **options):
+        made.append(make_env(*arguments, **options))
+        return made[-1]
+
+    monkeypatch.setattr(loop, "make_env", make)
+    options = {"visual": "stock", "allow_mismatch": True, "control": "stock", "settings": HASTY}
+    result = ocp.transfer(planner, "Panda", episodes=1, **options)
+    assert (result.visual, result.planner_visual, result.control) == ("stock", "fast", "stock")
+    assert [(env.visual.name, env.control) for env in made] == [("stock", "stock")]
 
 
 def test_patches_are_recorded_and_switchable(planner):

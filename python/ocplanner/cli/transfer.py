@@ -33,8 +33,14 @@ class Transfer:
     """Advance along the plan when the object is there, by time, or blindly by the plan's differences (the paper's)."""
     observe: Literal["full", "masked", "no-robot"] | None = None
     """What the planner sees; must be what it was trained on, which is the default. no-robot is privileged."""
+    visual: Literal["fast", "stock"] | None = None
+    """Visual preset; must be the one that the planner was trained on, which is the default."""
+    allow_mismatch: bool = False
+    """Draw with --visual although the planner was trained on another preset."""
     patches: bool = True
     """Apply the corrections that the robot's model needs; they are named in the result."""
+    control: Literal["native", "stock"] = "native"
+    """Who runs the control loop: stock is robosuite's own, slower, with the same torques."""
     mask_error: int = 0
     """Make the robot's mask wrong by so many pixels."""
     workers: int = 1
@@ -52,7 +58,7 @@ class Transfer:
 
         robot_spec(self.robot)
         planner = Planner.load(self.planner)
-        out = self.out or result_path(planner, self.robot, self.follow, self.mask_error)
+        out = self.out or result_path(planner, self.robot, self.follow, self.mask_error, self.visual)
         console = Console()
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
             bar = progress.add_task(self.robot, total=self.episodes)
@@ -73,7 +79,10 @@ class Transfer:
                 seed_start=self.seed_start,
                 follow=self.follow,
                 observe=self.observe,
+                visual=self.visual,
+                allow_mismatch=self.allow_mismatch,
                 patches=None if self.patches else (),
+                control=self.control,
                 mask_error=self.mask_error,
                 workers=self.workers,
                 out=out,

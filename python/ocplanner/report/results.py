@@ -30,7 +30,8 @@ class TransferRecord:
     """The content of one result file.
 
     ``interval`` is the 95 % Wilson interval of the success rate, ``planner_seed`` the training seed of the planner,
-    ``mask_error`` the pixels by which masks of the robot were off.
+    ``mask_error`` the pixels by which masks of the robot were off, ``foreign_visual`` the visual preset if the planner
+    was trained on another.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class TransferRecord:
     versions: Mapping[str, str]
     mask_error: int
     planner_seed: int | None
+    foreign_visual: str | None
     runs: tuple[EpisodeRecord, ...]
 
     @property
@@ -63,7 +65,8 @@ class TransferRecord:
     def setting(self) -> str:
         """How it was run, such as ``gated, masked``."""
         error = [f"mask {self.mask_error} px off"] if self.mask_error else []
-        return ", ".join([self.follow, self.observe, *error])
+        visual = [f"{self.foreign_visual} visuals"] if self.foreign_visual else []
+        return ", ".join([self.follow, self.observe, *error, *visual])
 
     def failures(self) -> Counter[str]:
         """How many episodes failed in each class."""
@@ -157,7 +160,13 @@ def _parse(path: Path, content: dict[str, Any]) -> TransferRecord:
             versions={str(name): str(version) for name, version in content.get("versions", {}).items()},
             mask_error=int(content.get("mask_error", 0)),
             planner_seed=None if content.get("planner_seed") is None else int(content["planner_seed"]),
+            foreign_visual=_foreign_visual(content),
             runs=runs,
         )
     except (TypeError, ValueError, KeyError, AttributeError) as error:
         raise ResultFileError(f"{path} is damaged: {error!r}") from error
+
+
+def _foreign_visual(content: dict[str, Any]) -> str | None:
+    drawn, trained = content.get("visual"), content.get("planner_visual")
+    return str(drawn) if trained is not None and drawn != trained else None

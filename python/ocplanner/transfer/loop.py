@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ocplanner.envs.environment import ManipulationEnv, make_env
+from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
-from ocplanner.errors import InvalidValueError, MismatchError
+from ocplanner.envs.visuals import visual_preset
+from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
 from ocplanner.storage import locked
@@ -36,6 +37,7 @@ class Scenario:
         image_size: side of its pictures, pixels.
         visual: visual preset.
         patches: corrections of the model.
+        control: who runs the control loop.
         mask_error: pixels by which masks are wrong.
         settings: the follower's numbers.
         videos: folder of videos, or None.
@@ -50,6 +52,7 @@ class Scenario:
     image_size: int
     visual: str
     patches: tuple[str, ...]
+    control: str = "native"
     mask_error: int = 0
     settings: TransferSettings = field(default_factory=TransferSettings)
     videos: Path | None = None
@@ -69,6 +72,7 @@ class Scenario:
             visual=self.visual,
             observe=self.observe,
             patches=self.patches,
+            control=self.control,
         )
         return Stage(self, env, Planner.load(self.planner))
 
@@ -105,7 +109,10 @@ def transfer(
     seed_start: int = 10000,
     follow: str = "gated",
     observe: str | None = None,
+    visual: str | None = None,
+    allow_mismatch: bool = False,
     patches: tuple[str, ...] | None = None,
+    control: str = "native",
     mask_error: int = 0,
     settings: TransferSettings | None = None,
     workers: int = 1,
@@ -124,7 +131,10 @@ def transfer(
         seed_start: seed of the first episode; the others follow.
         follow: ``gated``, ``time`` or ``open-loop``.
         observe: what the planner sees; the planner's own if not given.
+        visual: visual preset; the planner's own if not given.
+        allow_mismatch: accept a visual preset that the planner was not trained on.
         patches: corrections of the robot's model; its own if not given, none for ``()``.
+        control: who runs the control loop, ``native`` or ``stock``.
         mask_error: pixels by which masks are wrong.
         settings: the follower's numbers; ``follow`` overrides theirs.
         workers: processes; the result does not depend on it.
@@ -135,14 +145,24 @@ def transfer(
         on_episode: called with each episode, those of an earlier run included.
 
     Raises:
-        UnknownNameError: a robot, follow mode or patch that does not exist.
-        MismatchError: the planner was made for another task or observation.
+        UnknownNameError: a robot, follow mode, visual preset, control loop or patch that does not exist.
+        MismatchError: the planner was made for another task, observation or visual preset.
         OutputError: ``out`` cannot be written, or holds episodes of another transfer.
     """
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
     if episodes < 1:
         raise InvalidValueError(f"episodes is {episodes}, but must be at least 1")
-    scenario = make_scenario(planner, robot, task=task, observe=observe, patches=patches, mask_error=mask_error)
+    scenario = make_scenario(
+        planner,
+        robot,
+        task=task,
+        observe=observe,
+        visual=visual,
+        allow_mismatch=allow_mismatch,
+        patches=patches,
+        control=control,
+        mask_error=mask_error,
+    )
     scenario = replace(scenario, settings=replace(settings or TransferSettings(), follow=follow))
     seeds = range(seed_start, seed_start + episodes)
     if out is None:
@@ -158,6 +178,9 @@ def transfer(
         robot=scenario.robot,
         follow=follow,
         observe=scenario.observe,
+        visual=scenario.visual,
+        planner_visual=planner.config["visual"],
+        control=scenario.control,
         patches=scenario.patches,
         mask_error=mask_error,
         planner_sha256=planner.sha256,
@@ -178,17 +201,22 @@ def make_scenario(
     *,
     task: str | None = None,
     observe: str | None = None,
+    visual: str | None = None,
+    allow_mismatch: bool = False,
     patches: tuple[str, ...] | None = None,
+    control: str = "native",
     mask_error: int = 0,
 ) -> Scenario:
     """What the planner file says about how it wants to see, checked against what is asked for.
 
     Raises:
-        UnknownNameError: no such robot or task.
-        MismatchError: the planner was made for another task, object or observation.
+        UnknownNameError: no such robot, task, visual preset or control loop.
+        MismatchError: the planner was made for another task, object, observation or visual preset.
     """
     config = planner.config
     spec, arm = task_spec(str(config["task"])), robot_spec(robot)
+    if control not in CONTROL_LOOPS:
+        raise UnknownNameError("control loop", control, CONTROL_LOOPS)
     if task is not None and task_spec(task).name != spec.name:
         raise MismatchError(f"{planner.path} plans for the task {spec.name}, not {task}; train a planner on {task}")
     if config["object"] not in {candidate.name for candidate in spec.objects}:
@@ -209,16 +237,42 @@ def make_scenario(
         observe=str(config["observe"]),
         cameras=tuple(config["cameras"]),
         image_size=int(config["image_size"]),
-        visual=str(config["visual"]),
+        visual=_preset(planner, visual, allow_mismatch),
         patches=arm.patches if patches is None else tuple(patches),
+        control=control,
         mask_error=mask_error,
     )
 
 
-def result_path(planner: Planner, robot: str, follow: str, mask_error: int = 0, root: Path = Path("results")) -> Path:
+def _preset(planner: Planner, asked: str | None, allow_mismatch: bool) -> str:
+    """The visual preset to draw with: the one that the planner was trained on, unless another is wanted knowingly."""
+    trained = planner.config["visual"]
+    if asked is None and trained is None:
+        raise MismatchError(
+            f"{planner.path} does not say with which visual preset its images were drawn; "
+            f"name it with --visual (robosuite's own pictures are stock)"
+        )
+    name = visual_preset(trained if asked is None else asked).name
+    if trained is not None and name != trained and not allow_mismatch:
+        raise MismatchError(
+            f"{planner.path} was trained on the visual preset {trained}, not {name}; leave --visual out, train "
+            f"a planner on images that `ocplanner render --visual {name}` draws, or add --allow-mismatch"
+        )
+    return name
+
+
+def result_path(
+    planner: Planner,
+    robot: str,
+    follow: str,
+    mask_error: int = 0,
+    visual: str | None = None,
+    root: Path = Path("results"),
+) -> Path:
     """Where a result belongs, such as ``results/transfer/square_sawyer_gated_masked_0.json``."""
     config = planner.config
-    name = result_name(config["task"], robot, follow, config["observe"], config.get("seed"), mask_error)
+    other = None if visual == config["visual"] else visual
+    name = result_name(config["task"], robot, follow, config["observe"], config.get("seed"), mask_error, other)
     return root / "transfer" / name
 
 

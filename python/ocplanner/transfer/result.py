@@ -29,6 +29,9 @@ class TransferResult:
         robot: name of the robot.
         follow: follow mode.
         observe: what the planner saw.
+        visual: visual preset that its pictures were drawn with.
+        planner_visual: the one that it was trained on, if known.
+        control: who was asked to run the control loop.
         patches: corrections of the model that were on.
         mask_error: pixels by which masks were wrong.
         planner_sha256: of the planner file.
@@ -42,6 +45,9 @@ class TransferResult:
     robot: str
     follow: str
     observe: str
+    visual: str
+    planner_visual: str | None
+    control: str
     patches: tuple[str, ...]
     mask_error: int
     planner_sha256: str
@@ -77,6 +83,9 @@ class TransferResult:
             "robot": self.robot,
             "follow": self.follow,
             "observe": self.observe,
+            "visual": self.visual,
+            "planner_visual": self.planner_visual,
+            "control": self.control,
             "patches": list(self.patches),
             "mask_error": self.mask_error,
             "episodes": self.episodes,
@@ -105,8 +114,17 @@ class TransferResult:
         return lines
 
 
-def result_name(task: str, robot: str, follow: str, observe: str, planner_seed: int | None, mask_error: int = 0) -> str:
-    """File name of a result, such as ``square_sawyer_gated_masked_0.json``."""
-    parts = [task, robot, follow, observe, *([f"error{mask_error}"] if mask_error else [])]
+def result_name(
+    task: str,
+    robot: str,
+    follow: str,
+    observe: str,
+    planner_seed: int | None,
+    mask_error: int = 0,
+    visual: str | None = None,
+) -> str:
+    """File name of a result, such as ``square_sawyer_gated_masked_0.json``; names ``visual`` if it is given."""
+    error = [f"error{mask_error}"] if mask_error else []
+    parts = [task, robot, follow, observe, *error, *([visual] if visual else [])]
     seed = [] if planner_seed is None else [str(planner_seed)]
     return "_".join([*parts, *seed]).lower() + ".json"
