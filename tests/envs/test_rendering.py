@@ -133,10 +133,18 @@ def test_a_failing_context_names_the_package(shared_env, monkeypatch):
     def fail(*_):
         raise ImportError("Cannot initialize a EGL device display.")
 
-    monkeypatch.setattr(rendering.mujoco, "GLContext", fail)
+    monkeypatch.setattr(rendering, "gl_context", fail)
     monkeypatch.setenv("MUJOCO_GL", "egl")
     with pytest.raises(RenderingError, match="apt-get install libegl1"):
         env.render("agentview", 33, 33)
+
+
+def test_mujoco_may_be_imported_first():
+    code = "import mujoco\nfrom ocplanner.envs import make_env\nprint(make_env('Lift').observe()['agentview'].std())"
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert float(result.stdout) > 10
 
 
 def test_a_bogus_backend_is_a_rendering_error():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ocplanner.envs.simulator import mujoco, rendering_error
+from ocplanner.envs.simulator import gl_context, mujoco, rendering_error
 from ocplanner.envs.visuals import MASK_MATERIAL, VisualPreset
 
 _HIDDEN_GROUP = 5
@@ -59,7 +59,7 @@ class Renderer:
         if not preset.shadows:
             model.vis.quality.shadowsize = 0
         try:
-            self._gl = mujoco.GLContext(width, height)
+            self._gl = gl_context(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except Exception as error:  # each OpenGL backend raises its own classes

@@ -11,6 +11,7 @@ from typing import Any
 
 from ocplanner.errors import RenderingError
 
+_BACKENDS = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa"}
 _PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
 
@@ -25,6 +26,17 @@ def rendering_error(cause: object) -> RenderingError:
         if backend == "egl":
             remedy += f" (or install {_PACKAGES['osmesa']} and set MUJOCO_GL=osmesa)"
     return RenderingError(f"no working headless OpenGL with MUJOCO_GL={backend or 'unset'}: {cause}; {remedy}")
+
+
+def gl_context(width: int, height: int) -> Any:
+    """An OpenGL context of the backend that ``MUJOCO_GL`` names.
+
+    ``mujoco.GLContext`` is that of the moment when mujoco was imported, which may have been before ocplanner set the
+    variable: then it wants a screen.
+    """
+    backend = _BACKENDS.get(os.environ.get("MUJOCO_GL", "").lower())
+    module = mujoco if backend is None else importlib.import_module(backend)
+    return module.GLContext(width, height)
 
 
 def _only_errors(record: logging.LogRecord) -> bool:
@@ -59,4 +71,4 @@ except (AttributeError, ImportError, OSError, RuntimeError) as error:
         raise
     raise rendering_error(error) from error
 
-__all__ = ["mujoco", "rendering_error", "robosuite"]
+__all__ = ["gl_context", "mujoco", "rendering_error", "robosuite"]

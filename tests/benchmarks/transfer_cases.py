@@ -1,0 +1,104 @@
+"""Whole zero-shot episodes: the grasp, the planner's pictures every fourth step, the plans, the release.
+
+A committed planner drives a Sawyer on Square; it was trained on masked pictures in the ``fast`` preset.
+"""
+
+import os
+import time
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from sim_measured import SimMeasured
+from turns import taking_turns
+
+from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.planner.planner import Planner
+from ocplanner.transfer.loop import Scenario, Stage, make_scenario
+from ocplanner.transfer.result import Run
+
+_PLANNER = Path("results/planners/square_masked_h20_pose_0.safetensors")
+_ROBOT = "Sawyer"
+_FIRST_SEED = 20_000
+
+
+class Episodes:
+    """Plays episodes of one scenario."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._stage = scenario.make()
+
+    def prepare(self, index: int) -> None:
+        """Nothing: the reset is part of an episode."""
+
+    def act(self, index: int) -> Run:
+        """One whole episode."""
+        return self._stage.play(_FIRST_SEED + index)
+
+
+def whole_episode(episodes: int) -> SimMeasured:
+    """Everything on, against robosuite's control loop and pictures around the same planner.
+
+    The planner was not trained on the stock pictures, so the two sides' episodes need not be equally long: the rates of
+    control steps are in the row too.
+    """
+    planner = Planner.load(_PLANNER)
+    ours = make_scenario(planner, _ROBOT)
+    stock = make_scenario(planner, _ROBOT, visual="stock", allow_mismatch=True, control="stock")
+    played = taking_turns({"ours": partial(Episodes, ours), "robosuite": partial(Episodes, stock)}, episodes)
+    seconds = {name: float(np.mean([turn.wall for turn in turns])) for name, turns in played.items()}
+    steps = {name: float(np.mean([turn.value.steps for turn in turns])) for name, turns in played.items()}
+    a_step = {name: seconds[name] / steps[name] for name in played}
+    return SimMeasured(
+        seconds,
+        "s an episode",
+        f"mean of the wall clock over {episodes} episodes",
+        {
+            "steps": steps,
+            "successes": {name: sum(turn.value.success for turn in turns) for name, turns in played.items()},
+            "ratio_a_control_step": {"robosuite": round(a_step["robosuite"] / a_step["ours"], 2)},
+            "minutes_of_100_episodes_extrapolated": {
+                name: round(100 * value / 60, 2) for name, value in seconds.items()
+            },
+        },
+    )
+
+
+class _Span(NamedTuple):
+    process: int
+    start: float
+    end: float
+    steps: int
+
+
+def two_workers(episodes: int, rounds: int = 2) -> SimMeasured:
+    """Control steps of two worker processes against one, both through :func:`run_episodes`, in turns.
+
+    A worker's start and first episode (OpenGL, caches) do not count; the wait for the last episode does.
+    """
+    scenario = make_scenario(Planner.load(_PLANNER), _ROBOT)
+    seconds: dict[str, list[float]] = {"ours": [], "one worker": []}
+    for _ in range(rounds):
+        for name, workers in (("one worker", 1), ("ours", 2)):
+            seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
+            spans = [span for _, span in run_episodes(scenario.make, _span, seeds, workers)]
+            seconds[name].append(_seconds_a_step(spans))
+    return SimMeasured(
+        {name: float(np.mean(values)) for name, values in seconds.items()},
+        "control steps/s",
+        f"wall clock of {rounds} times {episodes} episodes",
+    )
+
+
+def _span(stage: Stage, seed: int) -> _Span:
+    start = time.monotonic()  # the same clock in all processes
+    run = stage.play(seed)
+    return _Span(os.getpid(), start, time.monotonic(), run.steps)
+
+
+def _seconds_a_step(spans: list[_Span]) -> float:
+    first = {process: min(span.start for span in spans if span.process == process) for process, *_ in spans}
+    counted = [span for span in spans if span.start > first[span.process]]
+    duration = max(span.end for span in counted) - min(span.start for span in counted)
+    return duration / sum(span.steps for span in counted)
