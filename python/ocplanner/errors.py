@@ -69,3 +69,7 @@ class TrainingError(OcplannerError):
 
 class WorkerError(OcplannerError):
     """A worker process died again and again on the same episode."""
+
+
+class ClusterError(OcplannerError):
+    """There is no Ray cluster at the address, or its machines cannot run workers."""

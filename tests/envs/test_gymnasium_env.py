@@ -12,8 +12,9 @@ def test_gymnasium_knows_the_tasks():
     assert {f"ocplanner/{name}-v0" for name in tasks()} <= set(gymnasium.registry)
 
 
-def test_the_checker_has_no_complaint():
-    env = gymnasium.make("ocplanner/Square-v0", robot="UR5e", render_mode="rgb_array")
+@pytest.mark.parametrize("task", tasks())
+def test_the_checker_has_no_complaint(task):
+    env = gymnasium.make(f"ocplanner/{task}-v0", robot="UR5e", render_mode="rgb_array")
     check_env(env.unwrapped)  # warnings are errors in this test suite
     env.close()
 

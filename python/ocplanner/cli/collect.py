@@ -30,6 +30,8 @@ class Collect:
     """0 to 9: which thousand of attempts. Seeds from 10000 on are kept for evaluation."""
     workers: int = 1
     """Processes; the data set does not depend on it."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
     overwrite: bool = False
     """Replace the data set if it is there."""
 
@@ -55,6 +57,7 @@ class Collect:
                 episodes=self.episodes,
                 seed=self.seed,
                 workers=self.workers,
+                ray=self.ray,
                 overwrite=self.overwrite,
                 progress=count,
             )

@@ -42,6 +42,8 @@ class Render:
     """Render all frames, or only those in which the robot manipulates the object."""
     workers: int = 2
     """Processes."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
     limit: int | None = None
     """Render the first so many demonstrations only."""
     overwrite: bool = False
@@ -80,6 +82,7 @@ class Render:
                 self.target,
                 settings,
                 workers=self.workers,
+                ray=self.ray,
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,

@@ -45,6 +45,8 @@ class Transfer:
     """Make the robot's mask wrong by so many pixels."""
     workers: int = 1
     """Processes; the result does not depend on it."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
     videos: int = 0
     """Record so many of the first episodes as mp4."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -85,6 +87,7 @@ class Transfer:
                 control=self.control,
                 mask_error=self.mask_error,
                 workers=self.workers,
+                ray=self.ray,
                 out=out,
                 videos=self.videos,
                 on_episode=count,

@@ -64,6 +64,7 @@ def collect(
     episodes: int = 100,
     seed: int = 0,
     workers: int = 1,
+    ray: str | None = None,
     overwrite: bool = False,
     progress: Callable[[str, bool], None] | None = None,
 ) -> Collected:
@@ -79,6 +80,7 @@ def collect(
         episodes: successes to record.
         seed: 0 to 9: which thousand of attempts; seeds from 10000 on are kept for evaluation.
         workers: processes.
+        ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         overwrite: replace ``path`` if it is there.
         progress: called with each attempt's name and whether it succeeded.
 
@@ -87,6 +89,7 @@ def collect(
         InvalidValueError: a number out of its domain.
         DatasetError: too many attempts failed.
         OutputError: ``path`` exists or cannot be written.
+        ClusterError: there is no Ray cluster at the address.
     """
     spec, arm = task_spec(task), robot_spec(robot)
     expert_of(spec.name)
@@ -112,7 +115,7 @@ def collect(
                     f"only {len(succeeded)} of {_SEEDS_EACH} attempts succeeded with {arm.name}; "
                     "the expert is made for Panda"
                 )
-            for number, arrays in run_episodes(workplace.make, record, [first + k for k in left], workers):
+            for number, arrays in run_episodes(workplace.make, record, [first + k for k in left], workers, ray=ray):
                 attempt = number - first
                 if arrays is None:
                     failures.add(attempt)

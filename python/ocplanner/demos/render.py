@@ -30,6 +30,7 @@ def render_dataset(
     settings: RenderSettings,
     *,
     workers: int = 1,
+    ray: str | None = None,
     limit: int | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -44,6 +45,7 @@ def render_dataset(
         target: the file to make.
         settings: what is drawn.
         workers: processes.
+        ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         limit: render the first so many demonstrations only.
         overwrite: replace ``target`` if it is there.
         progress: called after each demonstration; those of an earlier run come first.
@@ -53,6 +55,7 @@ def render_dataset(
         OutputError: the target exists or cannot be written.
         RenderingError: no working headless OpenGL.
         WorkerError: a demonstration killed its process three times (out of memory?).
+        ClusterError: there is no Ray cluster at the address.
     """
     if workers < 1 or (limit is not None and limit < 1):
         raise InvalidValueError(f"workers and limit must be at least 1, not {workers} and {limit}")
@@ -69,8 +72,8 @@ def render_dataset(
                 if name in done and progress:
                     progress(name, demos[name].length)
             waiting = [number for number, name in enumerate(names) if name not in done]
-            make = partial(_Worker, demos.path, task.name, demos.robots[0], settings)
-            for number, arrays in run_episodes(make, _Worker.render, waiting, min(workers, len(waiting))):
+            make = partial(_Worker, demos.path.absolute(), task.name, demos.robots[0], settings)
+            for number, arrays in run_episodes(make, _Worker.render, waiting, workers, ray=ray):
                 demo = demos[number]
                 writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
                 if progress:

@@ -13,5 +13,6 @@ def register() -> None:
             registration.register(
                 identifier,
                 entry_point="ocplanner.envs.gymnasium_env:GymnasiumEnv",
+                vector_entry_point="ocplanner.envs.vector_env:ProcessVectorEnv",
                 kwargs={"task": name},
             )

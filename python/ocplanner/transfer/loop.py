@@ -116,6 +116,7 @@ def transfer(
     mask_error: int = 0,
     settings: TransferSettings | None = None,
     workers: int = 1,
+    ray: str | None = None,
     out: str | Path | None = None,
     videos: int = 0,
     command: str | None = None,
@@ -138,6 +139,7 @@ def transfer(
         mask_error: pixels by which masks are wrong.
         settings: the follower's numbers; ``follow`` overrides theirs.
         workers: processes; the result does not depend on it.
+        ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         out: result file; with it, a transfer that was stopped goes on where it was.
         videos: record so many of the first episodes beside the result file; those that an earlier run has done
             without recording them are run again.
@@ -148,6 +150,7 @@ def transfer(
         UnknownNameError: a robot, follow mode, visual preset, control loop or patch that does not exist.
         MismatchError: the planner was made for another task, observation or visual preset.
         OutputError: ``out`` cannot be written, or holds episodes of another transfer.
+        ClusterError: there is no Ray cluster at the address.
     """
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
     if episodes < 1:
@@ -166,13 +169,13 @@ def transfer(
     scenario = replace(scenario, settings=replace(settings or TransferSettings(), follow=follow))
     seeds = range(seed_start, seed_start + episodes)
     if out is None:
-        runs = _play(scenario, seeds, workers, None, on_episode)
+        runs = _play(scenario, seeds, workers, ray, None, on_episode)
     else:
         out = Path(out)
-        scenario = replace(scenario, videos=out.with_suffix(""), filmed=tuple(seeds[:videos]))
+        scenario = replace(scenario, videos=out.with_suffix("").absolute(), filmed=tuple(seeds[:videos]))
         with locked(out):
             journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
-            runs = _play(scenario, seeds, workers, journal, on_episode)
+            runs = _play(scenario, seeds, workers, ray, journal, on_episode)
     result = TransferResult(
         task=scenario.task,
         robot=scenario.robot,
@@ -231,7 +234,7 @@ def make_scenario(
     if mask_error and config["observe"] != "masked":
         raise MismatchError(f"a mask error needs a planner trained on observe=masked, not {config['observe']}")
     return Scenario(
-        planner=Path(planner.path),
+        planner=Path(planner.path).absolute(),
         task=spec.name,
         robot=arm.name,
         observe=str(config["observe"]),
@@ -280,6 +283,7 @@ def _play(
     scenario: Scenario,
     seeds: range,
     workers: int,
+    ray: str | None,
     journal: Journal | None,
     on_episode: Callable[[Run], None] | None,
 ) -> dict[int, Run]:
@@ -290,7 +294,7 @@ def _play(
     left = [seed for seed in seeds if seed not in runs]
     if not left:
         return runs
-    for seed, run in run_episodes(scenario.make, Stage.play, left, workers):
+    for seed, run in run_episodes(scenario.make, Stage.play, left, workers, ray=ray):
         runs[seed] = run
         if journal is not None:
             journal.add(run, filmed=scenario.video(seed) is not None)
