@@ -14,10 +14,11 @@ from pathlib import Path
 
 import mujoco
 from camera_cases import two_cameras, two_cameras_masked
-from rows import insert
 from sim_measured import SimMeasured, table
 from state_cases import state_only
 from transfer_cases import two_workers, whole_episode
+
+from ocplanner.evaluation.marked_tables import replace_tables
 
 _OUTPUT = Path("results/bench_sim.json")
 _PAGE = Path("docs/simulation.md")
@@ -58,7 +59,7 @@ def main() -> None:
     }
     options.output.write_text(json.dumps(result, indent=1) + "\n")
     if options.output == _OUTPUT:
-        insert(_PAGE, table(result["rows"]))
+        _PAGE.write_text(replace_tables(_PAGE.read_text(), {"BENCH": table(result["rows"])}, _PAGE))
     for row in rows.values():
         print(f"{row['case']}: {row['ours']} {row['unit']}, ratio {row['ratio']}")  # noqa: T201
 
