@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use super::kernels::{Gather, Level, Panels, Product, Scheme, Storage, matmul, max_pool, padded};
+use super::kernels::{GROUP, Gather, Level, Panels, Product, Scheme, Storage, matmul, max_pool, stored_channels};
 use super::winograd::{Winograd, WinogradWorkspace, best_scheme};
 use crate::error::Result;
 use crate::weights::fault;
@@ -148,6 +148,14 @@ pub struct ConvWeights<'a> {
     pub scale: f32,
 }
 
+impl ConvWeights<'_> {
+    /// The number of a square kernel at a place, with its factor.
+    #[must_use]
+    pub fn at(&self, kernel: usize, output: usize, row: usize, column: usize, channel: usize) -> f32 {
+        self.scale * self.weight[((output * self.inputs + channel) * kernel + row) * kernel + column]
+    }
+}
+
 impl Conv {
     /// Packs the weights for input images of a fixed shape, whose border must be at least the window's padding.
     ///
@@ -164,7 +172,8 @@ impl Conv {
     ) -> Result<Self> {
         let outputs = weights.bias.len();
         let (height, width) = (window.output(input.height)?, window.output(input.width)?);
-        let output = Plane::new(height, width, padded(outputs), border)?;
+        let stored = stored_channels(level, outputs);
+        let output = Plane::new(height, width, stored, border)?;
         let corners = window.corners(&input, &output);
         let run_len = window.kernel * input.channels;
         let gather = Gather {
@@ -176,13 +185,10 @@ impl Conv {
         };
         let weight_at = |out: usize, k: usize| {
             let (row, column, channel) = (k / run_len, k % run_len / input.channels, k % input.channels);
-            if channel >= weights.inputs {
-                return 0.0;
-            }
-            weights.scale
-                * weights.weight[((out * weights.inputs + channel) * window.kernel + row) * window.kernel + column]
+            if channel >= weights.inputs { 0.0 } else { weights.at(window.kernel, out, row, column, channel) }
         };
-        let panels = Panels::pack(level, storage, outputs, window.kernel * run_len, weight_at, |out| weights.bias[out]);
+        let inputs = window.kernel * run_len;
+        let panels = Panels::pack(level, storage, (outputs, stored), inputs, weight_at, |out| weights.bias[out]);
         Ok(Self { level, window, panels, gather, input, output, relu, winograd: Default::default() })
     }
 
@@ -206,7 +212,9 @@ impl Conv {
                 self.output.clear_border(image);
             }
         }
-        if self.window == (Window { kernel: 3, stride: 1, padding: 1 })
+        let whole_groups = self.input.channels.is_multiple_of(GROUP) && self.output.channels.is_multiple_of(GROUP);
+        if whole_groups
+            && self.window == (Window { kernel: 3, stride: 1, padding: 1 })
             && let Some(scheme) = best_scheme(&self.output, batch)
         {
             let winograd = self.winograd[scheme as usize].get_or_init(|| self.transformed(scheme));

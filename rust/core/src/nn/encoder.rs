@@ -3,7 +3,8 @@
 use serde::Deserialize;
 
 use super::conv::{Conv, ConvWeights, MaxPool, Plane, Window};
-use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax, widen};
+use super::first::{COLOURS, First, FirstWorkspace};
+use super::kernels::{Buffer, Level, Storage, padded, spatial_softmax};
 use super::linear::Linear;
 use super::winograd::WinogradWorkspace;
 use crate::error::Result;
@@ -63,7 +64,7 @@ const SLOTS: usize = 3;
 /// Memory of an encoder, reused between calls.
 #[derive(Debug, Default)]
 pub struct EncoderWorkspace {
-    pixels: Buffer,
+    first: FirstWorkspace,
     early: [Buffer; SLOTS],
     late: [Buffer; SLOTS],
     positions: Buffer,
@@ -80,9 +81,7 @@ enum Step {
 #[derive(Debug)]
 pub struct Encoder {
     level: Level,
-    crop: usize,
-    pixels: Plane,
-    first: Conv,
+    first: First,
     /// The layers with large feature maps, which images pass through one by one so that the maps stay in the cache.
     early: Vec<Step>,
     /// The layers with many weights, which the whole batch passes through together.
@@ -121,25 +120,23 @@ impl Builder<'_> {
         border: usize,
         relu: bool,
     ) -> Result<Conv> {
-        self.scaled_conv(name, channels, window, input, border, relu, 1.0)
+        let (weight, bias) = self.take(name, channels, window)?;
+        let weights = ConvWeights { weight: &weight, bias: &bias, inputs: channels.0, scale: 1.0 };
+        Conv::new(self.level, self.storage, weights, window, input, border, relu)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "a convolution has this many properties")]
-    fn scaled_conv(
-        &mut self,
-        name: &str,
-        (inputs, outputs): (usize, usize),
-        window: Window,
-        input: Plane,
-        border: usize,
-        relu: bool,
-        scale: f32,
-    ) -> Result<Conv> {
+    /// The convolution that reads bytes, which training divides by 255.
+    fn first(&mut self, name: &str, outputs: usize, window: Window, crop: usize, border: usize) -> Result<First> {
+        let (weight, bias) = self.take(name, (COLOURS, outputs), window)?;
+        let weights = ConvWeights { weight: &weight, bias: &bias, inputs: COLOURS, scale: 1.0 / 255.0 };
+        First::new(self.level, self.storage, weights, window, crop, border)
+    }
+
+    fn take(&mut self, name: &str, (inputs, outputs): (usize, usize), window: Window) -> Result<(Vec<f32>, Vec<f32>)> {
         let shape = [outputs, inputs, window.kernel, window.kernel];
         let weight = self.file.take(&format!("{}.{name}.weight", self.prefix), &shape)?;
         let bias = self.file.take(&format!("{}.{name}.bias", self.prefix), &[outputs])?;
-        let weights = ConvWeights { weight: &weight, bias: &bias, inputs, scale };
-        Conv::new(self.level, self.storage, weights, window, input, border, relu)
+        Ok((weight, bias))
     }
 }
 
@@ -161,7 +158,6 @@ impl Encoder {
             Trunk::Small => small(&mut build, config, crop)?,
             Trunk::Resnet18 => resnet18(&mut build, crop)?,
         };
-        let pixels = first.input_plane();
         let channels = match config.trunk {
             Trunk::Small => config.channels[config.channels.len() - 1],
             Trunk::Resnet18 => 512,
@@ -186,7 +182,7 @@ impl Encoder {
             };
             Linear::over_map(level, storage, config.feature, &map, at, &bias, relu)
         };
-        Ok(Self { level, crop, pixels, first, early, late, between, last, map, keypoints, fully_connected })
+        Ok(Self { level, first, early, late, between, last, map, keypoints, fully_connected })
     }
 
     /// Length of a feature row, padding included.
@@ -205,14 +201,13 @@ impl Encoder {
         output: &mut [f32],
         output_stride: usize,
     ) {
-        let EncoderWorkspace { pixels, early, late, winograd, .. } = workspace;
+        let EncoderWorkspace { first, early, late, winograd, .. } = workspace;
         let (between, plane) = self.between;
         let map = plane.len();
         late[between].grow(batch * map);
         early[0].grow(self.first.output.len());
-        for (index, image) in images.chunks_exact(size * size * 3).take(batch).enumerate() {
-            self.stage(image, size, pixels);
-            self.first.run(1, pixels, &mut early[0], false, winograd);
+        for (index, image) in images.chunks_exact(size * size * COLOURS).take(batch).enumerate() {
+            self.first.run(image, size, &mut early[0], first, winograd);
             run_steps(&self.early, 1, early, winograd);
             late[between][index * map..][..map].copy_from_slice(&early[between][..map]);
         }
@@ -245,19 +240,6 @@ impl Encoder {
         }
         self.fully_connected.run(batch, &workspace.positions, row, output, output_stride);
     }
-
-    /// Copies the centre crop of an image into a bordered f32 plane, in 0..=255.
-    fn stage(&self, image: &[u8], size: usize, pixels: &mut Buffer) {
-        let plane = &self.pixels;
-        pixels.grow(plane.len());
-        plane.clear_border(pixels);
-        let inset = (size - self.crop) / 2;
-        for row in 0..self.crop {
-            let source = &image[((row + inset) * size + inset) * 3..][..self.crop * 3];
-            let start = (row + plane.border) * plane.row_stride() + plane.border * 3;
-            widen(self.level, source, &mut pixels[start..start + self.crop * 3]);
-        }
-    }
 }
 
 /// Runs the layers over a batch in the slots, which hold the input.
@@ -280,7 +262,7 @@ fn run_steps(steps: &[Step], batch: usize, slots: &mut [Buffer; SLOTS], winograd
 
 /// The layers of a trunk; where and in what shape the early and the late ones leave their output.
 struct TrunkPlan {
-    first: Conv,
+    first: First,
     early: Vec<Step>,
     between: (usize, Plane),
     late: Vec<Step>,
@@ -293,8 +275,7 @@ fn small(build: &mut Builder<'_>, config: &EncoderConfig, crop: usize) -> Result
     }
     let window = Window { kernel: 3, stride: 2, padding: 1 };
     let border = |index: usize| usize::from(index + 1 < config.channels.len());
-    let pixels = Plane::new(crop, crop, 3, 1)?;
-    let first = build.scaled_conv("conv.0", (3, config.channels[0]), window, pixels, border(0), true, 1.0 / 255.0)?;
+    let first = build.first("conv.0", config.channels[0], window, crop, border(0))?;
     let mut plane = first.output;
     let mut steps = Vec::new();
     for (index, pair) in config.channels.windows(2).enumerate() {
@@ -312,9 +293,7 @@ const LAST_EARLY_LAYER: usize = 2;
 
 fn resnet18(build: &mut Builder<'_>, crop: usize) -> Result<TrunkPlan> {
     let same = Window { kernel: 3, stride: 1, padding: 1 };
-    let pixels = Plane::new(crop, crop, 3, 3)?;
-    let stem = Window { kernel: 7, stride: 2, padding: 3 };
-    let first = build.scaled_conv("stem", (3, 64), stem, pixels, 1, true, 1.0 / 255.0)?;
+    let first = build.first("stem", 64, Window { kernel: 7, stride: 2, padding: 3 }, crop, 1)?;
     let pool = MaxPool::new(build.level, first.output, 1)?;
     let mut plane = pool.output;
     let mut steps = vec![Step::MaxPool { pool, from: 0, to: 1 }];

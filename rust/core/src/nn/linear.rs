@@ -1,7 +1,7 @@
 //! Linear layers.
 
 use super::conv::Plane;
-use super::kernels::{Gather, Level, Panels, Product, Storage, matmul};
+use super::kernels::{Gather, Level, Panels, Product, Storage, matmul, padded};
 
 /// `y = [relu](W x + b)` for rows whose lengths are padded to whole groups.
 #[derive(Debug)]
@@ -23,7 +23,7 @@ impl Linear {
         bias: &[f32],
         relu: bool,
     ) -> Self {
-        let panels = Panels::pack(level, storage, outputs, inputs, weight, |output| bias[output]);
+        let panels = Panels::pack(level, storage, (outputs, padded(outputs)), inputs, weight, |output| bias[output]);
         Self { panels, gather: Gather::row(inputs), relu }
     }
 

@@ -144,6 +144,7 @@ impl Decoder {
                     from: step * hidden,
                     to: (step + 1) * hidden,
                     cells: &mut workspace.cells,
+                    backwards: step % 2 == 1,
                 },
             );
         }

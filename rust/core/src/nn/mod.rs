@@ -6,6 +6,7 @@
 
 pub mod conv;
 pub mod encoder;
+pub mod first;
 pub mod kernels;
 pub mod linear;
 pub mod lstm;

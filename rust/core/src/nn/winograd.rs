@@ -70,7 +70,7 @@ impl Winograd {
         let products = (0..scheme.positions())
             .map(|position| {
                 let weight = |out: usize, k: usize| scheme.kernel(&kernels[out * inputs + k], position) as f32;
-                Panels::pack(level, Storage::F32, outputs, inputs, weight, |_| 0.0)
+                Panels::pack(level, Storage::F32, (outputs, outputs), inputs, weight, |_| 0.0)
             })
             .collect();
         let mut biases = Buffer::zeros(outputs);

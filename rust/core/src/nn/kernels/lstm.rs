@@ -27,6 +27,9 @@ pub struct LstmStep<'a> {
     pub to: usize,
     /// Cell states, `[row][hidden]`.
     pub cells: &'a mut [f32],
+    /// Whether the unit blocks are taken from the last to the first: a step that begins where the one before it ended
+    /// finds those weights in the cache.
+    pub backwards: bool,
 }
 
 /// Advances every row by one step.
@@ -54,7 +57,9 @@ unsafe fn all_rows<V: Vector, W: Weight>(step: &mut LstmStep<'_>) {
         Stored::Bf16(values) => values.as_ptr().cast(),
     };
     let most = if V::LANES == 16 { 6 } else { 2 };
-    for block in 0..step.hidden / V::LANES {
+    let blocks = step.hidden / V::LANES;
+    for turn in 0..blocks {
+        let block = if step.backwards { blocks - 1 - turn } else { turn };
         let tiles = step.rows.div_ceil(most);
         for tile in 0..tiles {
             let start = tile * step.rows / tiles;

@@ -8,7 +8,7 @@ use half::bf16;
 
 use super::stored::Weight;
 use super::vector::{Vector, prefetch};
-use super::{Buffer, GROUP, Level, Storage, Stored, dispatch, padded};
+use super::{Buffer, GROUP, Level, Storage, Stored, dispatch};
 
 /// Where each output pixel reads and writes, in one image of a batch.
 #[derive(Debug, Clone)]
@@ -54,22 +54,21 @@ pub struct Panels {
 }
 
 impl Panels {
-    /// Packs `weight(output, input)` and `bias(output)`; the outputs are padded with zeros to whole groups.
+    /// Packs `weight(output, input)` and `bias(output)`; the outputs are padded with zeros to `stored`.
     #[must_use]
     pub fn pack(
         level: Level,
         storage: Storage,
-        outputs: usize,
+        (outputs, stored): (usize, usize),
         inputs: usize,
         weight: impl Fn(usize, usize) -> f32,
         bias: impl Fn(usize) -> f32,
     ) -> Self {
-        let padded_outputs = padded(outputs);
         let width = if level.lanes() == 16 { 2 * GROUP } else { GROUP };
-        let mut values = Buffer::zeros(padded_outputs * inputs);
+        let mut values = Buffer::zeros(stored * inputs);
         let mut position = 0;
-        for first in (0..padded_outputs).step_by(width) {
-            let panel = width.min(padded_outputs - first);
+        for first in (0..stored).step_by(width) {
+            let panel = width.min(stored - first);
             for input in 0..inputs {
                 for output in first..first + panel {
                     if output < outputs {
@@ -79,14 +78,14 @@ impl Panels {
                 }
             }
         }
-        let mut padded_bias = Buffer::zeros(padded_outputs);
+        let mut padded_bias = Buffer::zeros(stored);
         for (output, slot) in padded_bias.iter_mut().enumerate().take(outputs) {
             *slot = bias(output);
         }
-        Self { values: Stored::new(storage, values), bias: padded_bias, inputs, outputs: padded_outputs, width, level }
+        Self { values: Stored::new(storage, values), bias: padded_bias, inputs, outputs: stored, width, level }
     }
 
-    /// Number of outputs, padded to whole groups.
+    /// Number of outputs, padding included.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.outputs
@@ -172,6 +171,13 @@ const UNROLL: usize = 8;
 /// How far ahead weights are asked for: hardware prefetching ends at a page, ours does not.
 const PREFETCH_BYTES: usize = 8 << 10;
 
+/// Bytes of weights that come from beyond the second-level cache. They are read in as many streams as there are runs,
+/// since the hardware fetches more at a time from several pages than from one.
+const STREAMED_BYTES: usize = 1 << 20;
+
+/// Inputs of one stream before it is the next one's turn.
+const STREAMED_STRETCH: usize = 2 * UNROLL;
+
 /// Bytes of input that should stay in the second-level cache while all panels pass over them.
 const BLOCK_BYTES: usize = 384 << 10;
 
@@ -220,6 +226,8 @@ struct Tile<W> {
     runs: usize,
     run_len: usize,
     run_stride: usize,
+    /// Inputs of one run between two of the next.
+    stretch: usize,
     accumulate: bool,
     relu: bool,
 }
@@ -231,6 +239,8 @@ unsafe fn all_tiles<V: Vector, W: Weight>(job: &mut Job<'_, W>) {
     let most = if V::LANES == 16 { MOST } else { 6 };
     let bytes_per_pixel = (job.input_stride * 4).div_ceil(pixels).max(1);
     let block = (BLOCK_BYTES / bytes_per_pixel).max(most);
+    let from_memory = job.inputs * job.outputs * size_of::<W>() >= STREAMED_BYTES;
+    let stretch = if from_memory { STREAMED_STRETCH } else { job.gather.run_len };
     let mut block_start = 0;
     while block_start < total {
         let block_end = (block_start + block).min(total);
@@ -251,6 +261,7 @@ unsafe fn all_tiles<V: Vector, W: Weight>(job: &mut Job<'_, W>) {
                         runs: job.gather.runs,
                         run_len: job.gather.run_len,
                         run_stride: job.gather.run_stride,
+                        stretch,
                         accumulate: job.accumulate,
                         relu: job.relu,
                     };
@@ -290,7 +301,10 @@ unsafe fn one_tile<V: Vector, W: Weight>(tile: &Tile<W>, rows: usize, vectors: u
             _ => sizes!(2: 1/8, 2/4, 3/2, 4/1, 5/1, 6/1, 7/1, 8/1, 9/1, 10/1, 11/1, 12/1),
         }
     } else {
-        sizes!(2: 1/4, 2/2, 3/1, 4/1, 5/1, 6/1);
+        match vectors {
+            1 => sizes!(1: 1/8, 2/4, 3/2, 4/2, 5/2, 6/2),
+            _ => sizes!(2: 1/4, 2/2, 3/1, 4/1, 5/1, 6/1),
+        }
     }
 }
 
@@ -308,28 +322,32 @@ unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: u
             }
         }
         let input: [*const f32; ROWS] = std::array::from_fn(|row| tile.input[row]);
-        let mut weights = tile.weights;
-        for run in 0..tile.runs {
-            let start = run * tile.run_stride;
-            let whole = tile.run_len / UNROLL * UNROLL;
-            let mut k = 0;
-            macro_rules! unrolled {
-                ($($next:literal)*) => {$(
-                    let columns = weights.add($next * VECTORS * V::LANES);
-                    step::<V, W, ROWS, VECTORS>(&mut sums[$next % SPLIT], &input, start + k + $next, columns);
-                )*};
+        let mut first = 0;
+        while first < tile.run_len {
+            let end = (first + tile.stretch).min(tile.run_len);
+            for run in 0..tile.runs {
+                let start = run * tile.run_stride;
+                let mut weights = tile.weights.add((run * tile.run_len + first) * VECTORS * V::LANES);
+                let mut k = first;
+                macro_rules! unrolled {
+                    ($($next:literal)*) => {$(
+                        let columns = weights.add($next * VECTORS * V::LANES);
+                        step::<V, W, ROWS, VECTORS>(&mut sums[$next % SPLIT], &input, start + k + $next, columns);
+                    )*};
+                }
+                while k + UNROLL <= end {
+                    // Written out: a loop of this length is not unrolled, and then the sums leave the registers.
+                    unrolled!(0 1 2 3 4 5 6 7);
+                    weights = weights.add(UNROLL * VECTORS * V::LANES);
+                    k += UNROLL;
+                }
+                while k < end {
+                    step::<V, W, ROWS, VECTORS>(&mut sums[0], &input, start + k, weights);
+                    weights = weights.add(VECTORS * V::LANES);
+                    k += 1;
+                }
             }
-            while k < whole {
-                // Written out: a loop of this length is not unrolled, and then the sums leave the registers.
-                unrolled!(0 1 2 3 4 5 6 7);
-                weights = weights.add(UNROLL * VECTORS * V::LANES);
-                k += UNROLL;
-            }
-            while k < tile.run_len {
-                step::<V, W, ROWS, VECTORS>(&mut sums[0], &input, start + k, weights);
-                weights = weights.add(VECTORS * V::LANES);
-                k += 1;
-            }
+            first = end;
         }
         for row in 0..ROWS {
             for vector in 0..VECTORS {
@@ -363,7 +381,10 @@ unsafe fn step<V: Vector, W: Weight, const ROWS: usize, const VECTORS: usize>(
         for vector in 0..VECTORS {
             let column = weights.add(vector * V::LANES);
             columns[vector] = W::load::<V>(column);
-            prefetch(column.wrapping_byte_add(PREFETCH_BYTES));
+            if VECTORS > 1 {
+                // Panels of one register are small layers, whose weights are in the cache.
+                prefetch(column.wrapping_byte_add(PREFETCH_BYTES));
+            }
         }
         for row in 0..ROWS {
             let value = V::splat(*input[row].add(k));

@@ -10,6 +10,7 @@ mod buffer;
 mod level;
 mod lstm;
 mod matmul;
+mod pairs;
 mod pool;
 mod stored;
 mod vector;
@@ -19,6 +20,7 @@ pub use buffer::Buffer;
 pub use level::Level;
 pub use lstm::{LstmStep, lstm_step};
 pub use matmul::{Gather, Panels, Product, matmul};
+pub use pairs::{PAIRED, Pairs, PairsCall};
 pub use pool::{max_pool, spatial_softmax, tanh_in_place, widen};
 pub use stored::{Storage, Stored};
 pub use winograd::{Finish, Scheme, Tiles, transform_input, transform_output};
@@ -30,6 +32,12 @@ pub const GROUP: usize = 16;
 #[must_use]
 pub const fn padded(count: usize) -> usize {
     count.div_ceil(GROUP) * GROUP
+}
+
+/// Channels of a feature map as stored: whole groups, but half a one where that fills a register of `level`.
+#[must_use]
+pub const fn stored_channels(level: Level, count: usize) -> usize {
+    if count <= level.lanes() { level.lanes() } else { padded(count) }
 }
 
 /// Calls `$function::<V>($argument)` with the instruction set of `$level` enabled.

@@ -56,7 +56,7 @@ unsafe fn max_pool_windows<V: Vector>(job: &mut MaxPool<'_>) {
 
 /// Softmax over the pixels of each channel, then the expected pixel position in [-1, 1].
 ///
-/// `logits` is (pixels, channels) with `channels` in whole groups, `positions` holds each pixel's (x, y), and `output`
+/// `logits` is (pixels, channels) with `channels` in whole registers, `positions` holds each pixel's (x, y), and `output`
 /// gets x0, y0, x1, y1, ... of the first `keypoints` channels.
 ///
 /// # Panics
@@ -72,7 +72,7 @@ pub fn spatial_softmax(
     let pixels = positions.len();
     assert!(pixels > 0 && logits.len().is_multiple_of(pixels), "one logit per pixel and channel");
     let channels = logits.len() / pixels;
-    assert!(channels.is_multiple_of(GROUP) && keypoints <= channels, "channels come in whole groups");
+    assert!(channels.is_multiple_of(level.lanes()) && keypoints <= channels, "channels come in whole registers");
     assert!(output.len() >= 2 * keypoints, "output too short");
     let mut job = Softmax { logits, positions, scale: 1.0 / temperature, channels, keypoints, output };
     // SAFETY: `logits` holds pixels * channels numbers, as checked above.

@@ -25,7 +25,7 @@ pub enum Stored {
     /// As they were.
     F32(Buffer),
     /// Rounded.
-    Bf16(Vec<bf16>),
+    Bf16(Buffer<bf16>),
 }
 
 impl Stored {
@@ -34,7 +34,11 @@ impl Stored {
     pub fn new(storage: Storage, values: Buffer) -> Self {
         match storage {
             Storage::Bf16 if size_of_val(&values[..]) >= ROUNDED_FROM => {
-                Self::Bf16(values.iter().map(|&value| bf16::from_f32(value)).collect())
+                let mut rounded = Buffer::zeros(values.len());
+                for (slot, &value) in rounded.iter_mut().zip(values.iter()) {
+                    *slot = bf16::from_f32(value);
+                }
+                Self::Bf16(rounded)
             }
             Storage::F32 | Storage::Bf16 => Self::F32(values),
         }
