@@ -9,7 +9,7 @@ sys.path.append(str(Path(__file__).parent))
 
 from camera_cases import two_cameras
 from sim_measured import SimMeasured, table
-from transfer_cases import _seconds_a_step, _Span
+from transfer_cases import _processor_seconds_a_step, _seconds_a_step, _Span
 from turns import taking_turns
 
 
@@ -50,5 +50,11 @@ def test_a_rate_and_a_time_have_the_same_ratio() -> None:
 
 
 def test_workers_are_timed_from_the_second_episode_of_each_to_the_last_of_all() -> None:
-    spans = [_Span(1, 0.0, 9.0, 100), _Span(2, 1.0, 10.0, 100), _Span(1, 10.0, 12.0, 30), _Span(2, 11.0, 14.0, 50)]
+    spans = [
+        _Span(process=1, start=0.0, end=9.0, processor=9.0, steps=100),
+        _Span(process=2, start=1.0, end=10.0, processor=9.0, steps=100),
+        _Span(process=1, start=10.0, end=12.0, processor=1.0, steps=30),
+        _Span(process=2, start=11.0, end=14.0, processor=2.0, steps=50),
+    ]
     assert _seconds_a_step(spans) == pytest.approx((14 - 10) / 80)
+    assert _processor_seconds_a_step(spans) == pytest.approx((1 + 2) / 80)

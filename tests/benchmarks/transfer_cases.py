@@ -69,36 +69,53 @@ class _Span(NamedTuple):
     process: int
     start: float
     end: float
+    processor: float
     steps: int
 
 
 def two_workers(episodes: int, rounds: int = 2) -> SimMeasured:
     """Control steps of two worker processes against one, both through :func:`run_episodes`, in turns.
 
-    A worker's start and first episode (OpenGL, caches) do not count; the wait for the last episode does.
+    A worker's start and first episode (OpenGL, caches) do not count; the wait for the last episode does. Beside it
+    stands what the processor time of all threads would give if each worker had a core to itself: other processes
+    disturb that less.
     """
     scenario = make_scenario(Planner.load(_PLANNER), _ROBOT)
     seconds: dict[str, list[float]] = {"ours": [], "one worker": []}
+    processor: dict[str, list[float]] = {"ours": [], "one worker": []}
     for _ in range(rounds):
         for name, workers in (("one worker", 1), ("ours", 2)):
             seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
             spans = [span for _, span in run_episodes(scenario.make, _span, seeds, workers)]
             seconds[name].append(_seconds_a_step(spans))
+            processor[name].append(_processor_seconds_a_step(spans))
     return SimMeasured(
         {name: float(np.mean(values)) for name, values in seconds.items()},
         "control steps/s",
         f"wall clock of {rounds} times {episodes} episodes",
+        {"processor_time_ratio": {"one worker": round(2 * sum(processor["one worker"]) / sum(processor["ours"]), 2)}},
     )
 
 
 def _span(stage: Stage, seed: int) -> _Span:
     start = time.monotonic()  # the same clock in all processes
+    processor = time.process_time()
     run = stage.play(seed)
-    return _Span(os.getpid(), start, time.monotonic(), run.steps)
+    return _Span(os.getpid(), start, time.monotonic(), time.process_time() - processor, run.steps)
 
 
 def _seconds_a_step(spans: list[_Span]) -> float:
-    first = {process: min(span.start for span in spans if span.process == process) for process, *_ in spans}
-    counted = [span for span in spans if span.start > first[span.process]]
+    counted = _warm(spans)
     duration = max(span.end for span in counted) - min(span.start for span in counted)
     return duration / sum(span.steps for span in counted)
+
+
+def _processor_seconds_a_step(spans: list[_Span]) -> float:
+    counted = _warm(spans)
+    return sum(span.processor for span in counted) / sum(span.steps for span in counted)
+
+
+def _warm(spans: list[_Span]) -> list[_Span]:
+    """All but the first episode of each process."""
+    first = {span.process: min(other.start for other in spans if other.process == span.process) for span in spans}
+    return [span for span in spans if span.start > first[span.process]]
