@@ -16,8 +16,13 @@ _VISUAL_GROUP = 1
 _open: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
 
 
+def open_renderers() -> list["Renderer"]:
+    """Those of this process whose OpenGL contexts are not freed yet."""
+    return list(_open)
+
+
 def _close_all() -> None:
-    for renderer in list(_open):
+    for renderer in open_renderers():
         renderer.close()
 
 
