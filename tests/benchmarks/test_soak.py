@@ -36,5 +36,6 @@ def test_nothing_stays_behind(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kib_each", [0, 7])
 def test_the_slope_is_growth_after_the_start(kib_each: int) -> None:
     samples = [{"pid": 1, "episodes": n, "kib": 10**6 + kib_each * n + 10**5 * (n < 20)} for n in range(100)]
-    assert soak.summary(samples)["slope"] == pytest.approx(100 * kib_each, abs=0.1)
-    assert soak.summary(samples)["kib"] == [10**6 + 20 * kib_each, 10**6 + 99 * kib_each]
+    assert soak.summary(samples, 10)["slope"] == pytest.approx(100 * kib_each, abs=0.1)
+    assert soak.summary(samples, 10)["kib"] == [10**6 + 20 * kib_each, 10**6 + 99 * kib_each]
+    assert soak.summary(samples, 30)["kib"] == [10**6 + 30 * kib_each, 10**6 + 99 * kib_each]
