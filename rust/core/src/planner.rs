@@ -1,130 +1,28 @@
 //! A planner's forward pass: uint8 images to the object's future poses in metres.
 
+mod config;
+mod layers;
+mod modes;
+
 use std::sync::{Mutex, PoisonError};
 
-use serde::Deserialize;
+pub use config::{DecoderConfig, Normaliser, Outputs, PlannerConfig, PredictorConfig};
+use layers::{load_decoder, load_predictor};
+use modes::{best_mode, probability};
 
 use crate::error::{Error, Result};
-use crate::nn::encoder::{Encoder, EncoderConfig, EncoderWorkspace};
+use crate::nn::encoder::{Encoder, EncoderWorkspace};
 use crate::nn::kernels::{Buffer, Level, Storage, padded};
 use crate::nn::linear::Linear;
-use crate::nn::lstm::{Decoder, DecoderWeights, DecoderWorkspace};
+use crate::nn::lstm::{Decoder, DecoderWorkspace};
 use crate::pose::rotation_from_6d;
-use crate::weights::{WeightFile, fault};
+use crate::weights::WeightFile;
 
 /// Images that go through the network together.
 const CHUNK: usize = 64;
 
 /// Threads that one call starts at most, whatever it is asked for.
 const MOST_THREADS: usize = 256;
-
-/// What the engine needs of a planner's configuration; the file holds more.
-#[derive(Debug, Clone, Deserialize)]
-pub struct PlannerConfig {
-    /// Steps of a plan.
-    pub horizon: usize,
-    /// Positions only, or poses.
-    pub outputs: Outputs,
-    /// Camera names, in the order of the network's inputs.
-    pub cameras: Vec<String>,
-    /// Side of the square images, pixels.
-    pub image_size: usize,
-    /// Side of the centre crop that the network sees.
-    pub crop: usize,
-    /// Statistics that positions were normalised by.
-    pub normaliser: Normaliser,
-    /// Length of the latent.
-    pub latent: usize,
-    /// Plans that the predictor proposes.
-    #[serde(default = "one")]
-    pub modes: usize,
-    /// The image encoder.
-    pub encoder: EncoderConfig,
-    /// The latent predictor.
-    pub predictor: PredictorConfig,
-    /// The trajectory decoder.
-    pub decoder: DecoderConfig,
-}
-
-fn one() -> usize {
-    1
-}
-
-/// What a plan consists of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Outputs {
-    /// Positions and rotations.
-    Pose,
-    /// Positions.
-    Position,
-}
-
-/// Mean and standard deviation of the training positions, metres.
-#[derive(Debug, Clone, Copy, Deserialize)]
-pub struct Normaliser {
-    /// Mean.
-    pub mean: [f64; 3],
-    /// Standard deviation.
-    pub std: [f64; 3],
-}
-
-/// Sizes of the predictor.
-#[derive(Debug, Clone, Deserialize)]
-pub struct PredictorConfig {
-    /// Hidden layers.
-    pub hidden: Vec<usize>,
-}
-
-/// Sizes of the decoder.
-#[derive(Debug, Clone, Deserialize)]
-pub struct DecoderConfig {
-    /// LSTM units.
-    pub hidden: usize,
-}
-
-impl PlannerConfig {
-    fn check(&self) -> Result<()> {
-        const LARGEST: usize = 1 << 16;
-        // A few bytes of file must not ask for gigabytes of memory.
-        const LARGEST_IMAGE: usize = 1024;
-        const LARGEST_DECODING: usize = 1 << 22;
-        let sizes = [
-            ("horizon", self.horizon),
-            ("latent", self.latent),
-            ("modes", self.modes),
-            ("encoder.feature", self.encoder.feature),
-            ("decoder.hidden", self.decoder.hidden),
-        ];
-        let hidden = self.predictor.hidden.iter().map(|&size| ("predictor.hidden", size));
-        let channels = self.encoder.channels.iter().map(|&size| ("encoder.channels", size));
-        for (name, size) in sizes.into_iter().chain(hidden).chain(channels) {
-            if !(1..=LARGEST).contains(&size) {
-                return Err(fault(format!("configuration: {name} is {size}")));
-            }
-        }
-        for (name, size) in [("image_size", self.image_size), ("crop", self.crop)] {
-            if !(1..=LARGEST_IMAGE).contains(&size) {
-                return Err(fault(format!("configuration: {name} is {size}, more than {LARGEST_IMAGE} or zero")));
-            }
-        }
-        let decoding = [self.horizon, self.modes, self.decoder.hidden].iter().product::<usize>();
-        if decoding > LARGEST_DECODING {
-            return Err(fault(format!("configuration: horizon x modes x decoder.hidden is {decoding}")));
-        }
-        if self.crop > self.image_size {
-            return Err(fault(format!("configuration: crop {} of images of {}", self.crop, self.image_size)));
-        }
-        if self.cameras.is_empty() {
-            return Err(fault("configuration: cameras is empty".to_owned()));
-        }
-        let Normaliser { mean, std } = &self.normaliser;
-        if !(mean.iter().all(|x| x.is_finite()) && std.iter().all(|x| x.is_finite() && *x > 0.0)) {
-            return Err(fault(format!("configuration: normaliser with mean {mean:?} and std {std:?}")));
-        }
-        Ok(())
-    }
-}
 
 /// Which plans to decode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -461,88 +359,4 @@ impl Planner {
         }
         Ok(())
     }
-}
-
-/// The logits of the modes, which follow the latents of all modes.
-fn logits<'a>(config: &PlannerConfig, row: &'a [f32]) -> &'a [f32] {
-    &row[2 * config.modes * config.latent..][..if config.modes > 1 { config.modes } else { 0 }]
-}
-
-fn best_mode(config: &PlannerConfig, row: &[f32]) -> usize {
-    let mut best = 0;
-    for (mode, &logit) in logits(config, row).iter().enumerate() {
-        if logit > logits(config, row)[best] {
-            best = mode;
-        }
-    }
-    best
-}
-
-fn probability(config: &PlannerConfig, row: &[f32], mode: usize) -> Result<f64> {
-    if config.modes == 1 {
-        return Ok(1.0);
-    }
-    let all = logits(config, row);
-    let belief = 1.0 / all.iter().map(|&other| (f64::from(other) - f64::from(all[mode])).exp()).sum::<f64>();
-    if belief.is_nan() {
-        return Err(Error::Value {
-            what: "probability of a plan",
-            found: belief.to_string(),
-            expected: "a number: the weights overflow on this image",
-        });
-    }
-    Ok(belief)
-}
-
-/// The predictor's weights are f32 whatever the storage: rounding them would move the latent most for its saving.
-fn load_predictor(
-    level: Level,
-    config: &PlannerConfig,
-    feature_stride: usize,
-    file: &mut WeightFile,
-) -> Result<Vec<Linear>> {
-    let logits = if config.modes > 1 { config.modes } else { 0 };
-    let last = 2 * config.modes * config.latent + logits;
-    let feature = config.encoder.feature;
-    let mut layers = Vec::new();
-    let mut inputs = feature * config.cameras.len();
-    for (index, &outputs) in config.predictor.hidden.iter().chain([&last]).enumerate() {
-        let weight = file.take(&format!("predictor.{index}.weight"), &[outputs, inputs])?;
-        let bias = file.take(&format!("predictor.{index}.bias"), &[outputs])?;
-        let relu = index < config.predictor.hidden.len();
-        // The first layer reads the features of each camera with their padding.
-        let (block, stride) = if index == 0 { (feature, feature_stride) } else { (inputs, padded(inputs)) };
-        let row = inputs / block * stride;
-        let at = |out: usize, k: usize| match k % stride {
-            column if column < block => weight[out * inputs + k / stride * block + column],
-            _ => 0.0,
-        };
-        layers.push(Linear::new(level, Storage::F32, outputs, row, at, &bias, relu));
-        inputs = outputs;
-    }
-    Ok(layers)
-}
-
-fn load_decoder(level: Level, storage: Storage, config: &PlannerConfig, file: &mut WeightFile) -> Result<Decoder> {
-    let (latent, hidden) = (config.latent, config.decoder.hidden);
-    let outputs = match config.outputs {
-        Outputs::Pose => 9,
-        Outputs::Position => 3,
-    };
-    let start =
-        (file.take("decoder.init.weight", &[2 * hidden, latent])?, file.take("decoder.init.bias", &[2 * hidden])?);
-    let from_latent = file.take("decoder.lstm.weight_ih", &[4 * hidden, latent])?;
-    let recurrent = file.take("decoder.lstm.weight_hh", &[4 * hidden, hidden])?;
-    let bias = file.take("decoder.lstm.bias", &[4 * hidden])?;
-    let head = (file.take("decoder.head.weight", &[outputs, hidden])?, file.take("decoder.head.bias", &[outputs])?);
-    let weights = DecoderWeights {
-        start: (&start.0, &start.1),
-        from_latent: &from_latent,
-        recurrent: &recurrent,
-        bias: &bias,
-        head: (&head.0, &head.1),
-        latent,
-        hidden,
-    };
-    Ok(Decoder::new(level, storage, &weights))
 }
