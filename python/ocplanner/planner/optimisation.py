@@ -1,13 +1,36 @@
 """The optimiser of one stage with its learning-rate curve and averaged weights; all of its state is plain tensors."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ocplanner.planner.config import StageConfig
+
+CLIP = 10.0
+"""Largest norm of a planner's gradient."""
+
+
+class OptimisationConfig(Protocol):
+    """What :class:`Optimisation` reads of a configuration."""
+
+    @property
+    def learning_rate(self) -> float:
+        """Before any schedule."""
+        ...
+
+    @property
+    def weight_decay(self) -> float:
+        """AdamW's; with 0 it is Adam."""
+        ...
+
+    @property
+    def ema(self) -> float:
+        """Decay of the averaged weights; 0: no average is kept."""
+        ...
 
 
 class BatchOrder:
@@ -37,25 +60,39 @@ def learning_rate(config: StageConfig, step: int) -> float:
 
 
 class Optimisation:
-    """AdamW on a module, and the moving average of its parameters and floating-point buffers."""
+    """AdamW on a module, and the moving average of its parameters and floating-point buffers.
 
-    def __init__(self, module: nn.Module, config: StageConfig) -> None:
-        self.module, self.config = module, config
+    Args:
+        module: what is trained.
+        config: learning rate, weight decay, decay of the average.
+        rate: the learning rate of each step.
+        clip: largest norm of the gradient, or None.
+    """
+
+    def __init__(
+        self,
+        module: nn.Module,
+        config: OptimisationConfig,
+        rate: Callable[[int], float],
+        clip: float | None = CLIP,
+    ) -> None:
+        self.module, self.config, self._rate, self._clip = module, config, rate, clip
         self.parameters = list(module.parameters())
         fused = all(parameter.device.type in ("cpu", "cuda") for parameter in self.parameters)
         self._adam = torch.optim.AdamW(
             self.parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=fused
         )
         self._live = self.parameters + [b for b in module.buffers() if b.is_floating_point()]
-        self._average = [tensor.detach().clone() for tensor in self._live]
+        self._average = [tensor.detach().clone() for tensor in self._live] if config.ema > 0 else []
 
-    def step(self, loss: Tensor, step: int) -> None:
-        """One update."""
+    def step(self, loss: Tensor, step: int, backward: Callable[[Tensor], None] = Tensor.backward) -> None:
+        """One update; ``backward`` fills the gradients of a loss."""
         for group in self._adam.param_groups:
-            group["lr"] = learning_rate(self.config, step)
+            group["lr"] = self._rate(step)
         self._adam.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.parameters, 10.0)
+        backward(loss)
+        if self._clip is not None:
+            torch.nn.utils.clip_grad_norm_(self.parameters, self._clip)
         self._adam.step()
         decay = min(self.config.ema, (1 + step) / (10 + step))
         with torch.no_grad():
@@ -63,7 +100,7 @@ class Optimisation:
                 average.lerp_(live, 1 - decay)
 
     def swap(self) -> None:
-        """Exchange the live weights and their average; calling it twice changes nothing."""
+        """Exchange the live weights and their average, if one is kept; calling it twice changes nothing."""
         with torch.no_grad():
             for live, average in zip(self._live, self._average):
                 kept = live.clone()

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ocplanner.planner.export import Provenance, export_planner
 from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_frames, split
 from ocplanner.planner.metrics import PlanErrors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
-from ocplanner.planner.optimisation import BatchOrder, Optimisation
+from ocplanner.planner.optimisation import BatchOrder, Optimisation, learning_rate
 from ocplanner.planner.progress import Progress
 from ocplanner.planner.run_folder import RunFolder
 from ocplanner.planner.stages import STAGES, Material, Stage
@@ -132,7 +133,7 @@ class _Training:
 
     def _run_stage(self, index: int, stage: Stage, first: int, tensors: dict[str, torch.Tensor] | None) -> None:
         config = stage.config
-        optimisation = Optimisation(stage.module, config)
+        optimisation = Optimisation(stage.module, config, partial(learning_rate, config))
         if tensors is not None:
             optimisation.restore(tensors)
         order = BatchOrder(len(self.material.train), config.batch, (self.config.seed, index, 0))

@@ -1,0 +1,57 @@
+"""What all imitation algorithms share: observations in, a mixture over actions out, and the loss."""
+
+from typing import Any
+
+from torch import Tensor, nn
+
+from ocplanner.errors import MismatchError
+from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.gmm import GmmHead, Mixture
+from ocplanner.policies.hint import HintWeights
+from ocplanner.policies.observation import Observation, ObservationEncoder
+
+Memory = tuple[Tensor, Tensor]
+"""State of an LSTM."""
+
+
+class Actor(nn.Module):
+    """An observation encoder, an algorithm's own layers, and a mixture head with or without the hint."""
+
+    head: GmmHead
+    hint: HintWeights | None
+
+    def __init__(self, config: PolicyTraining, low_dim: int) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = ObservationEncoder(config.observation, low_dim)
+
+    def add_head(self, features: int, actions: int) -> None:
+        """Finish the network; an algorithm calls it after its own layers.
+
+        The hint's weights are drawn last, so that a policy with a hint starts from the same others as one without.
+        """
+        network = self.config.network
+        self.head = GmmHead(features, actions, network.gmm)
+        self.hint = None if network.hint is None else HintWeights(features, network.gmm.modes, network.hint)
+
+    def features(self, encoded: Tensor, memory: Memory | None) -> tuple[Tensor, Memory | None]:
+        """The algorithm's layers."""
+        raise NotImplementedError
+
+    def distribution(self, observation: Observation, memory: Memory | None = None) -> tuple[Mixture, Memory | None]:
+        """The mixture over actions at every step, and the memory after the last."""
+        features, memory = self.features(self.encoder(observation), memory)
+        mixture = self.head(features)
+        if self.hint is not None:
+            if observation.hint is None:
+                raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
+            mixture = self.hint(mixture, features, observation.hint)
+        return mixture, memory
+
+    def forward(self, observation: Observation, actions: Tensor) -> Tensor:
+        """Mean negative log-likelihood of recorded actions (..., A), padded steps included as in robomimic."""
+        return -self.distribution(observation)[0].log_likelihood(actions).mean()
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Tensor:
+        """See :meth:`forward`."""
+        return super().__call__(*args, **kwargs)

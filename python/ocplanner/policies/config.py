@@ -1,0 +1,240 @@
+"""What a policy is and how it is trained: frozen, validated settings with presets.
+
+A run folder's ``config.yaml`` is one :class:`PolicyTraining`; the same travels in the policy file.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from ocplanner.errors import InvalidValueError, UnknownNameError
+from ocplanner.planner.config import EncoderConfig
+
+Algorithm = Literal["bc", "bc-rnn"]
+ObservationKind = Literal["state", "image"]
+Preset = Literal["cpu", "robomimic"]
+StdActivation = Literal["softplus", "exp"]
+Schedule = Literal["constant", "cosine"]
+
+PROPRIOCEPTION = ("robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos")
+CAMERAS = ("agentview", "robot0_eye_in_hand")
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InvalidValueError(message)
+
+
+def _require_choice(kind: str, value: str, alias: Any) -> None:
+    if value not in get_args(alias):
+        raise UnknownNameError(kind, value, get_args(alias))
+
+
+@dataclass(frozen=True)
+class GmmConfig:
+    """Gaussian mixture over actions."""
+
+    modes: int = 5
+    min_std: float = 1e-4
+    """Added to the activated standard deviation."""
+    std_activation: StdActivation = "softplus"
+    tanh_means: bool = True
+    """Squash the means (with a hint: the residuals) into (-1, 1)."""
+    low_noise: bool = True
+    """Act with a standard deviation of 1e-4 instead of the learned one."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        _require_choice("standard deviation activation", self.std_activation, StdActivation)
+        _require(self.modes >= 1, f"modes {self.modes} must be at least 1")
+        _require(self.min_std > 0, f"min_std {self.min_std} must be positive")
+
+
+@dataclass(frozen=True)
+class HintConfig:
+    """The plan as a hint: a_t = sum over k of (x, y)_k * hint_k + A."""
+
+    horizons: tuple[int, ...] = (1,)
+    """Steps k ahead whose planned displacement ``obs/ocp_hint`` holds, in its order."""
+    initial_weight: float = 1.0
+    """What x and y are measured from: the network predicts the difference."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        _require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
+        _require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
+
+    @property
+    def width(self) -> int:
+        """Numbers a step in ``obs/ocp_hint``: six for each k, and the flag."""
+        return 6 * len(self.horizons) + 1
+
+
+@dataclass(frozen=True)
+class ObservationConfig:
+    """What a policy sees."""
+
+    low_dim: tuple[str, ...] = ("object", *PROPRIOCEPTION)
+    """Names under ``obs``, concatenated in this order."""
+    cameras: tuple[str, ...] = ()
+    image_size: int = 84
+    crop: int = 76
+    """Side of the crop: random in training, central in rollouts."""
+    encoder: EncoderConfig = field(default_factory=EncoderConfig)
+    """One network of this kind for each camera."""
+    normalise: bool = False
+    """Standardise the low-dimensional numbers by the training data's mean and standard deviation."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        named = (*self.low_dim, *self.cameras)
+        _require(len(named) > 0, "name at least one observation")
+        _require(len(set(named)) == len(named), f"observations {named}: name each once")
+        _require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Sizes between the observations and the mixture."""
+
+    hidden: tuple[int, ...] = (1024, 1024)
+    """BC: widths of the layers."""
+    lstm_hidden: int = 400
+    lstm_layers: int = 2
+    sequence: int = 10
+    """BC-RNN: steps in a training sequence, and after how many a rollout begins with a fresh state."""
+    gmm: GmmConfig = field(default_factory=GmmConfig)
+    hint: HintConfig | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        widths = (*self.hidden, self.lstm_hidden, self.lstm_layers, self.sequence)
+        _require(min(widths) >= 1, "layer widths, LSTM layers and sequence must be at least 1")
+
+
+@dataclass(frozen=True)
+class PolicyTraining:
+    """Everything that decides the weights of a policy, given a data set."""
+
+    algorithm: Algorithm = "bc"
+    preset: Preset = "cpu"
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    steps: int = 200_000
+    batch: int = 100
+    """Samples (BC) or sequences (BC-RNN) a step, over all processes together."""
+    learning_rate: float = 1e-4
+    weight_decay: float = 0.0
+    schedule: Schedule = "constant"
+    warmup: int = 0
+    """Steps of linear warm-up."""
+    clip: float | None = None
+    """Largest norm of the gradient; None: not clipped."""
+    ema: float = 0.0
+    """Decay of the moving average of the weights, which is then what is saved as the policy; 0: off."""
+    mask: str | None = "train"
+    """Train on ``mask/<name>``; None: on every demonstration."""
+    seed: int = 0
+    save_every: int = 5000
+    """Steps between two policies kept in ``policies/``."""
+    validate_every: int = 1000
+    checkpoint_every: int = 1000
+    threads: int = 1
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        _require_choice("algorithm", self.algorithm, Algorithm)
+        _require_choice("preset", self.preset, Preset)
+        _require_choice("schedule", self.schedule, Schedule)
+        intervals = (self.save_every, self.validate_every, self.checkpoint_every)
+        _require(min(self.steps, self.batch, self.threads, *intervals) >= 1, "steps, batch, intervals: at least 1")
+        _require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
+        _require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
+        _require(self.clip is None or self.clip > 0, f"clip {self.clip} must be positive, or None")
+        _require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
+        _require(self.seed >= 0, f"seed {self.seed} must not be negative")
+
+
+def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "state") -> PolicyTraining:
+    """The settings called ``robomimic`` (as published) or ``cpu`` (smaller, under an hour on one or two cores).
+
+    Args:
+        name: of the preset.
+        algorithm: ``bc`` or ``bc-rnn``.
+        kind: ``state`` (low-dimensional observations with the object's pose) or ``image`` (proprioception and cameras).
+
+    Raises:
+        UnknownNameError: for any other name.
+    """
+    _require_choice("preset", name, Preset)
+    _require_choice("algorithm", algorithm, Algorithm)
+    _require_choice("observation", kind, ObservationKind)
+    return _robomimic(algorithm, kind) if name == "robomimic" else _cpu(algorithm, kind)
+
+
+def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
+    if kind == "state":
+        return PolicyTraining(algorithm, "robomimic", steps=200_000, batch=100)
+    resnet = EncoderConfig(type="resnet18", pool="spatial_softmax", keypoints=32, feature=64, feature_relu=True)
+    return PolicyTraining(
+        algorithm,
+        "robomimic",
+        ObservationConfig(PROPRIOCEPTION, CAMERAS, encoder=resnet),
+        NetworkConfig(lstm_hidden=1000),
+        steps=300_000,
+        batch=16,
+        save_every=10_000,
+    )
+
+
+def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
+    rnn = algorithm == "bc-rnn"
+    state = kind == "state"
+    return PolicyTraining(
+        algorithm,
+        "cpu",
+        ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
+        NetworkConfig(hidden=(512, 512), lstm_hidden=200),
+        steps=(30_000 if rnn else 100_000) if state else (12_000 if rnn else 30_000),
+        batch=100 if state else (16 if rnn else 64),
+        learning_rate=1e-3 if rnn else 5e-4,
+        schedule="cosine",
+        warmup=200,
+        clip=10.0,
+        ema=0.999,
+        save_every=2000,
+    )
+
+
+def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
+    """The inverse of :func:`ocplanner.planner.config.to_dict` for :class:`PolicyTraining`.
+
+    Raises:
+        InvalidValueError: a key is unknown or a value is outside its domain.
+    """
+    values = dict(values)
+    observation, network = dict(values.pop("observation", {})), dict(values.pop("network", {}))
+    hint = network.pop("hint", None)
+    parts = {
+        "observation": _build(
+            ObservationConfig, observation | {"encoder": _build(EncoderConfig, observation.pop("encoder", {}))}
+        ),
+        "network": _build(
+            NetworkConfig,
+            network
+            | {
+                "gmm": _build(GmmConfig, network.pop("gmm", {})),
+                "hint": None if hint is None else _build(HintConfig, hint),
+            },
+        ),
+    }
+    return _build(PolicyTraining, values | parts)
+
+
+def _build(kind: Any, values: Mapping[str, Any]) -> Any:
+    names = {entry.name for entry in dataclasses.fields(kind)}
+    unknown = sorted(set(values) - names)
+    _require(not unknown, f"unknown {kind.__name__} keys {unknown}; known: {sorted(names)}")
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})

@@ -1,0 +1,63 @@
+"""The plan as a hint for an actor (the paper's section 5.2 and Figure 9).
+
+The action's mean in each mode is ``(x, y) * hint + A``: the policy predicts the weights x (position) and y (rotation)
+and the residual A, which alone moves the gripper.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from ocplanner.errors import ShapeError
+from ocplanner.policies.config import HintConfig
+from ocplanner.policies.gmm import Mixture
+
+HINT_KEY = "ocp_hint"
+"""``obs/ocp_hint``: for each k six numbers in the action's frame and scale (position 3, rotation 3), then the flag."""
+
+
+class HintWeights(nn.Module):
+    """Predicts x and y for each mode and each k, and shifts a mixture's means by the weighted hint."""
+
+    def __init__(self, features: int, modes: int, config: HintConfig) -> None:
+        super().__init__()
+        self.config, self.modes = config, modes
+        self.linear = nn.Linear(features, 2 * modes * len(config.horizons))
+
+    def weights(self, features: Tensor) -> Tensor:
+        """(..., M, K, 2): x and y of every mode and every k, from features (..., F)."""
+        raw = self.linear(features).unflatten(-1, (self.modes, len(self.config.horizons), 2))
+        return raw + self.config.initial_weight
+
+    def forward(self, residual: Mixture, features: Tensor, hint: Tensor) -> Mixture:
+        """The mixture whose means are the weighted hint plus the residual's.
+
+        Args:
+            residual: mixture over actions (position 3, rotation 3, then the gripper) whose means are A.
+            features: (..., F).
+            hint: (..., 6 K + 1), see :data:`HINT_KEY`; counts as zero where its flag is 0.
+
+        Raises:
+            ShapeError: the hint has another width.
+        """
+        moves = displacements(hint, self.config)
+        weights = self.weights(features)
+        # (..., M, K, 2, 1) * (..., 1, K, 2, 3), summed over k
+        moved = (weights.unsqueeze(-1) * moves.unsqueeze(-4)).sum(dim=-3).flatten(-2)
+        means = nn.functional.pad(moved, (0, residual.means.shape[-1] - 6)) + residual.means
+        return Mixture(residual.logits, means, residual.stds)
+
+
+def displacements(hint: Tensor, config: HintConfig) -> Tensor:
+    """(..., K, 2, 3) position and rotation of each k, zero where the flag is 0, from hints (..., 6 K + 1).
+
+    Raises:
+        ShapeError: the hint has another width.
+    """
+    if hint.shape[-1] != config.width:
+        raise ShapeError(
+            f"a hint of {hint.shape[-1]} numbers, expected {config.width} for horizons {config.horizons}; "
+            "label the data set for the same horizons"
+        )
+    flag = hint[..., -1:] > 0.5
+    moves = torch.where(flag, hint[..., :-1], torch.zeros_like(hint[..., :-1]))
+    return moves.unflatten(-1, (len(config.horizons), 2, 3))

@@ -1,0 +1,61 @@
+"""Small policies and observations."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+
+from ocplanner.planner.config import EncoderConfig
+from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
+from ocplanner.policies.observation import Observation
+
+LOW_DIM, ACTIONS = 23, 7
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """These networks are too small to share out."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="session")
+def small() -> Callable[..., PolicyTraining]:
+    """``small(algorithm="bc", hint=None, cameras=(), **changes)``: a policy that trains in milliseconds."""
+
+    def make(
+        algorithm="bc", hint: tuple[int, ...] | None = None, cameras: tuple[str, ...] = (), **changes
+    ) -> PolicyTraining:
+        base = preset("cpu", algorithm)
+        encoder = EncoderConfig(channels=(4, 8, 8), feature=8)
+        observation = ObservationConfig(cameras=cameras, normalise=True, encoder=encoder)
+        network = NetworkConfig(
+            hidden=(32, 32), lstm_hidden=16, sequence=5, hint=None if hint is None else HintConfig(hint)
+        )
+        changes = {"batch": 16, "steps": 20, "save_every": 10, "validate_every": 5, "checkpoint_every": 5, **changes}
+        return replace(base, observation=observation, network=network, **changes)
+
+    return make
+
+
+@pytest.fixture
+def observe() -> Callable[..., Observation]:
+    """``observe(shape, hint_width=None, cameras=())``: random observations."""
+
+    def make(shape: tuple[int, ...], hint_width: int | None = None, cameras: tuple[str, ...] = ()) -> Observation:
+        generator = torch.Generator().manual_seed(1)
+        hint = None
+        if hint_width is not None:
+            hint = torch.randn(*shape, hint_width, generator=generator)
+            hint[..., -1] = 1
+        return Observation(
+            torch.randn(*shape, LOW_DIM, generator=generator),
+            {name: torch.rand(*shape, 3, 76, 76, generator=generator) for name in cameras},
+            hint,
+        )
+
+    return make
