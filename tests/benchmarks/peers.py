@@ -30,7 +30,9 @@ class Peer(Protocol):
 
 
 class TorchEager:
-    """PyTorch as it comes, in inference mode, channels last."""
+    """PyTorch in inference mode, normalisation folded, channels last."""
+
+    as_trained = False
 
     def __init__(self, weights: PlannerWeights, batch: int, threads: int) -> None:
         try:
@@ -41,13 +43,19 @@ class TorchEager:
         torch.set_num_threads(threads)
         self._torch = torch
         self._cameras = weights.config["cameras"]
-        self._model = TorchPlanner(weights)
+        self._model = TorchPlanner(weights, as_trained=self.as_trained)
 
     def plan(self, images: Images) -> Poses:
         torch = self._torch
         with torch.inference_mode():
             position, rotation = self._model([torch.from_numpy(images[camera]) for camera in self._cameras])
             return position.numpy(), rotation.numpy()
+
+
+class TorchAsTrained(TorchEager):
+    """PyTorch in inference mode on the network as training leaves it: what one has without exporting anything."""
+
+    as_trained = True
 
 
 class TorchCompile(TorchEager):
@@ -117,6 +125,7 @@ class OpenVino:
 
 
 PEERS: dict[str, type[Peer]] = {
+    "torch as trained": TorchAsTrained,
     "torch eager": TorchEager,
     "torch.compile": TorchCompile,
     "onnxruntime": OnnxRuntime,

@@ -19,7 +19,13 @@ START, END = "<!-- BENCH -->", "<!-- end BENCH -->"
 _SCALE = {"ms": 1e3, "us": 1e6}
 _INK = "#848d97"
 """Grey that reads on a white page as on a dark one; the figure itself is transparent."""
-_COLORS = {"torch eager": "#d55e00", "torch.compile": "#cc79a7", "onnxruntime": "#3a9bdc", "openvino": "#009e73"}
+_COLORS = {
+    "torch as trained": "#e69f00",
+    "torch eager": "#d55e00",
+    "torch.compile": "#cc79a7",
+    "onnxruntime": "#3a9bdc",
+    "openvino": "#009e73",
+}
 
 
 def row(case: str, unit: str, measured: Measured) -> Row:

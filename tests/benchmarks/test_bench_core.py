@@ -21,7 +21,7 @@ from ocplanner import Planner
 from random_planner import random_images, write_random_planner
 
 SCRIPT = Path(__file__).parent / "bench_core.py"
-OTHERS = ["torch.compile", "onnxruntime", "openvino"]
+OTHERS = [peer for peer in peers.PEERS if peer != "torch eager"]
 ENCODERS = {
     "resnet18": {"type": "resnet18", "pool": "spatial_softmax", "keypoints": 7, "feature": 9, "temperature": 0.7},
     "small, flat": {"type": "small", "channels": [5, 6], "pool": "flatten", "feature": 9, "feature_relu": True},

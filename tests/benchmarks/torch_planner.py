@@ -1,5 +1,8 @@
 """The planner as a torch module: uint8 images in, plans in metres and rotation matrices out."""
 
+from collections.abc import Callable
+from functools import partial
+
 import torch
 import torch.nn.functional as F
 from planner_weights import PlannerWeights
@@ -7,27 +10,35 @@ from torch import nn
 
 
 class TorchPlanner(nn.Module):
-    """Forward pass in float32, convolutions in channels-last, which the images' own layout already is."""
+    """Forward pass in float32.
 
-    def __init__(self, weights: PlannerWeights) -> None:
+    Args:
+        weights: of the planner.
+        as_trained: the network as training leaves it, batch normalisation apart and images in torch's own layout;
+            else with normalisation folded and in channels-last, which the images' own layout already is.
+    """
+
+    def __init__(self, weights: PlannerWeights, *, as_trained: bool = False) -> None:
         super().__init__()
+        self.as_trained = as_trained
         self.config = weights.config
         self.inset, self.side = weights.crop
-        self.encoders = nn.ModuleList(_Encoder(weights, camera) for camera in self.config["cameras"])
+        self.encoders = nn.ModuleList(_Encoder(weights, camera, as_trained) for camera in self.config["cameras"])
         self.predictor = nn.Sequential()
         for index in range(weights.predictor_layers):
             if index > 0:
                 self.predictor.append(nn.ReLU())
             self.predictor.append(_linear(weights, f"predictor.{index}"))
         self.decoder = _Decoder(weights)
-        self.to(memory_format=torch.channels_last).eval()
+        self.to(memory_format=torch.contiguous_format if as_trained else torch.channels_last).eval()
 
     def forward(self, images: list[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         """Images, one (B, h, w, 3) uint8 a camera, to positions (B, H, 3) and rotations (B, H, 3, 3)."""
         kept = slice(self.inset, self.inset + self.side)
-        features = [
-            encoder(image[:, kept, kept].permute(0, 3, 1, 2).float()) for encoder, image in zip(self.encoders, images)
-        ]
+        pixels = [image[:, kept, kept].permute(0, 3, 1, 2).float() for image in images]
+        if self.as_trained:
+            pixels = [image.contiguous() for image in pixels]
+        features = [encoder(image) for encoder, image in zip(self.encoders, pixels)]
         joined = features[0] if len(features) == 1 else torch.cat(features, 1)
         steps = self.decoder(self.predictor(joined))
         b1 = F.normalize(steps[..., 3:6], dim=-1)
@@ -37,18 +48,19 @@ class TorchPlanner(nn.Module):
 
 
 class _Encoder(nn.Module):
-    def __init__(self, weights: PlannerWeights, camera: str) -> None:
+    def __init__(self, weights: PlannerWeights, camera: str, as_trained: bool) -> None:
         super().__init__()
         encoder, prefix = weights.config["encoder"], f"encoder.{camera}"
+        conv = partial(_normalised_conv if as_trained else _conv, weights)
         if encoder["type"] == "small":
             self.trunk = nn.Sequential()
             for index in range(len(encoder["channels"])):
-                self.trunk.extend([_conv(weights, f"{prefix}.conv.{index}", 2, 1), nn.ReLU()])
+                self.trunk.extend([conv(f"{prefix}.conv.{index}", 2, 1), nn.ReLU()])
         else:
-            self.trunk = nn.Sequential(_conv(weights, f"{prefix}.stem", 2, 3), nn.ReLU(), nn.MaxPool2d(3, 2, 1))
+            self.trunk = nn.Sequential(conv(f"{prefix}.stem", 2, 3), nn.ReLU(), nn.MaxPool2d(3, 2, 1))
             for layer in range(1, 5):
                 for block in range(2):
-                    self.trunk.append(_Block(weights, f"{prefix}.layer{layer}.{block}", layer > 1 and block == 0))
+                    self.trunk.append(_Block(conv, f"{prefix}.layer{layer}.{block}", layer > 1 and block == 0))
         self.keypoints = None
         if encoder["pool"] == "spatial_softmax":
             self.keypoints = _conv(weights, f"{prefix}.keypoints", 1, 0)
@@ -68,11 +80,11 @@ class _Encoder(nn.Module):
 
 
 class _Block(nn.Module):
-    def __init__(self, weights: PlannerWeights, name: str, shrinks: bool) -> None:
+    def __init__(self, conv: Callable[[str, int, int], nn.Module], name: str, shrinks: bool) -> None:
         super().__init__()
-        self.conv1 = _conv(weights, f"{name}.conv1", 2 if shrinks else 1, 1)
-        self.conv2 = _conv(weights, f"{name}.conv2", 1, 1)
-        self.downsample = _conv(weights, f"{name}.downsample", 2, 0) if shrinks else nn.Identity()
+        self.conv1 = conv(f"{name}.conv1", 2 if shrinks else 1, 1)
+        self.conv2 = conv(f"{name}.conv2", 1, 1)
+        self.downsample = conv(f"{name}.downsample", 2, 0) if shrinks else nn.Identity()
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return torch.relu_(self.conv2(torch.relu_(self.conv1(x))) + self.downsample(x))
@@ -108,6 +120,16 @@ def _conv(weights: PlannerWeights, name: str, stride: int, padding: int) -> nn.C
     conv = nn.Conv2d(weight.shape[1], weight.shape[0], weight.shape[2], stride, padding)
     conv.load_state_dict({"weight": weight, "bias": bias})
     return conv
+
+
+def _normalised_conv(weights: PlannerWeights, name: str, stride: int, padding: int) -> nn.Sequential:
+    """The same, its bias in a batch normalisation that does nothing else."""
+    conv = _conv(weights, name, stride, padding)
+    norm = nn.BatchNorm2d(conv.out_channels, eps=0.0)
+    if conv.bias is not None:
+        norm.load_state_dict({"bias": conv.bias.detach()}, strict=False)
+        conv.bias = None
+    return nn.Sequential(conv, norm)
 
 
 def _linear(weights: PlannerWeights, name: str) -> nn.Linear:
