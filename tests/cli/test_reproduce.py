@@ -74,6 +74,21 @@ def test_a_planner_without_its_file_is_trained_again_and_only_it(commands):
     assert list(rows()) == NAMES
 
 
+def test_other_encoders_are_asked_for(monkeypatch, commands):
+    asked = []
+    run = reproduction.run_command
+
+    def note(arguments, log):
+        if arguments[0] == "train-planner":
+            asked.append(arguments[arguments.index("--channels") + 1 :][:2])
+        run(arguments, log)
+
+    monkeypatch.setattr(reproduction, "run_command", note)
+    planners("--channels", "4", "8", "--work", "narrow", "--results", "results/narrow")
+    assert asked == [["4", "8"]] * len(NAMES)
+    assert Path(f"results/narrow/planners/{NAMES[0]}.safetensors").exists()
+
+
 def test_again_trains_all(commands):
     planners("--work", "one")
     commands.clear()

@@ -45,12 +45,23 @@ def test_a_table_that_does_not_end_is_an_error():
         replace_tables("<!-- TABLE -->\nold\n", {"TABLE": "new"}, Path("README.md"))
 
 
-def test_the_committed_tables_are_those_of_the_committed_results(tmp_path):
-    (tmp_path / "results").mkdir()
-    for name in ("transfer", "mask_error", "heldout.json", "encoders.json"):
-        (tmp_path / "results" / name).symlink_to(ROOT / "results" / name)
-    committed = {path: (ROOT / path).read_text() for path in ("README.md", "results/README.md")}
+@pytest.mark.parametrize("name", ["results", "results/encoder_16-32-64-128"])
+def test_the_committed_tables_are_those_of_the_committed_results(name, tmp_path):
+    folder = tmp_path / name
+    folder.mkdir(parents=True)
+    for entry in ("transfer", "mask_error", "heldout.json", "encoders.json"):
+        if (ROOT / name / entry).exists():
+            (folder / entry).symlink_to(ROOT / name / entry)
+    committed = {path: (ROOT / path).read_text() for path in ("README.md", f"{name}/README.md")}
     for path, text in committed.items():
         (tmp_path / path).write_text(text)
-    write_tables(tmp_path / "results")
+    write_tables(folder)
     assert {path: (tmp_path / path).read_text() for path in committed} == committed
+
+
+def test_a_further_set_of_results_is_not_shown_on_the_main_page(results):
+    page = results / "README.md"
+    page.write_text("<!-- TABLE -->\n<!-- end TABLE -->\n")
+    (results / "other" / "transfer").mkdir(parents=True)
+    assert write_tables(results / "other") == []
+    assert page.read_text() == "<!-- TABLE -->\n<!-- end TABLE -->\n"

@@ -20,7 +20,7 @@ def test_a_cell_holds_every_seed_and_their_mean(tmp_path) -> None:
     assert transfer_table(tmp_path).splitlines() == [
         "| follow | observe | Sawyer |",
         "| --- | --- | --- |",
-        "| gated | masked | **85 %** (9/10, 8/10) |",
+        "| gated | masked | **85.0 %** (9/10, 8/10) |",
     ]
 
 

@@ -365,7 +365,7 @@ def test_mutated_files_load_or_are_refused(tmp_path_factory: pytest.TempPathFact
     json.dumps(dict(planner.config))
 
 
-TRAINED = sorted((Path(__file__).parents[2] / "results" / "planners").glob("*.safetensors"))
+TRAINED = sorted((Path(__file__).parents[2] / "results").rglob("planners/*.safetensors"))
 
 
 @pytest.mark.parametrize("path", TRAINED, ids=lambda path: path.stem)

@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,6 +37,8 @@ class Reproduce:
     """Episodes of each transfer, seeds 10000 and up."""
     workers: int = 2
     """Processes."""
+    channels: tuple[int, ...] = ()
+    """planners: channels of the encoder's convolutions, if not the preset's; give also --work and --results."""
     again: bool = False
     """Train also the planners that the results hold already; runs that are finished in the work folder are taken."""
 
@@ -47,7 +49,9 @@ class Reproduce:
         parts.get(self.part, self._tables)(console)
 
     def _planners(self, console: Console) -> None:
-        wanted = experiments.planner_experiments(self.seeds)
+        wanted = [
+            replace(experiment, channels=self.channels) for experiment in experiments.planner_experiments(self.seeds)
+        ]
         missing = [experiment for experiment in wanted if self.again or not held_out.is_kept(experiment, self.results)]
         for experiment in wanted:
             if experiment not in missing:

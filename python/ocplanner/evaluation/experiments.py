@@ -13,6 +13,8 @@ class PlannerExperiment:
     horizon: int = 20
     outputs: str = "pose"
     seed: int = 0
+    channels: tuple[int, ...] = ()
+    """Of the encoder; the preset's if empty. Not in the name: give other encoders folders of their own."""
 
     @property
     def name(self) -> str:

@@ -9,7 +9,7 @@ from ocplanner.storage import atomic_write
 
 
 def write_tables(results: Path) -> list[Path]:
-    """Rewrite the tables in ``README.md`` of the results and of the folder above, where there are any.
+    """Rewrite the tables in ``README.md`` of the results, if any, and of the project if these are its main ones.
 
     ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
     demonstrations, ``ENCODERS`` those of the encoders that were tried.
@@ -28,7 +28,10 @@ def write_tables(results: Path) -> list[Path]:
         "ENCODERS": encoder_table(results),
     }
     marked = []
-    for path in (results.resolve().parent / "README.md", results / "README.md"):
+    pages = [results / "README.md"]
+    if results.resolve().name == "results":  # others are further sets, of which the main page does not tell
+        pages.insert(0, results.resolve().parent / "README.md")
+    for path in pages:
         if not path.is_file():
             continue
         before = path.read_text(encoding="utf-8")

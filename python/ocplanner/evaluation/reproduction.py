@@ -49,6 +49,8 @@ def train(experiment: PlannerExperiment, work: Path) -> PlannerExperiment:
     run = work / experiment.name
     if not (run / "planner.safetensors").exists():
         flags = ["--horizon", str(experiment.horizon), "--outputs", experiment.outputs, "--observe", experiment.observe]
+        if experiment.channels:
+            flags += ["--channels", *map(str, experiment.channels)]
         data = str(images(work, experiment.observe))
         arguments = ["train-planner", "--data", data, "--run", str(run), *flags, "--seed", str(experiment.seed)]
         run_command(arguments, work / "logs" / f"{experiment.name}.log")

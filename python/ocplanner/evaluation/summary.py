@@ -136,7 +136,7 @@ def _cell(entries: Sequence[tuple[int, int, int]]) -> str:
     if len(entries) == 1:
         return counts
     mean = sum(successes / episodes for _, successes, episodes in entries) / len(entries)
-    return f"**{100 * mean:.0f} %** ({counts})"
+    return f"**{100 * mean:.1f} %** ({counts})"
 
 
 def _table(keys: Sequence[str], columns: Sequence[str], cells: Mapping[tuple[str, ...], Mapping[str, str]]) -> str:
