@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[1]
 IMPORTED_AS = {
     "imageio-ffmpeg": "imageio_ffmpeg",
     "fast-simplification": "fast_simplification",
+    "lightning-fabric": "lightning_fabric",
     "pillow": "PIL",
     "pyyaml": "yaml",
     "scikit-learn": "sklearn",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ocplanner.demos.demonstration import Demonstration
     from ocplanner.envs import make_env
     from ocplanner.planner.planner import Plan, Planner
+    from ocplanner.policies.policy import Policy
     from ocplanner.pose import Pose
     from ocplanner.rewards import RewardConfig, label_demonstration, plan_reward
 
@@ -34,6 +35,7 @@ _LAZY = {
     "Demonstrations": "ocplanner.demos.dataset",
     "Plan": "ocplanner.planner.planner",
     "Planner": "ocplanner.planner.planner",
+    "Policy": "ocplanner.policies.policy",
     "Pose": "ocplanner.pose",
     "RewardConfig": "ocplanner.rewards",
     "label_demonstration": "ocplanner.rewards",
@@ -46,6 +48,7 @@ __all__ = [
     "Demonstrations",
     "Plan",
     "Planner",
+    "Policy",
     "Pose",
     "RewardConfig",
     "label_demonstration",

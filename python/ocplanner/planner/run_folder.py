@@ -19,11 +19,12 @@ _FREE = ("threads", "device")
 
 
 class RunFolder:
-    """Reads and writes a run folder.
+    """Reads and writes a run folder, of a planner or of a policy.
 
-    ``metrics.jsonl`` has one JSON object a line: ``{"stage", "step", "seconds", "loss", "valid_loss", "ade_mm", ...}``
-    at every validation (losses of Figure 4; errors as in :class:`ocplanner.planner.metrics.PlanErrors`), and at the
-    end ``{"stage": "final", "candidate", "kept", "appearance", ...}`` for every candidate and appearance.
+    A planner's ``metrics.jsonl`` has one JSON object a line:
+    ``{"stage", "step", "seconds", "loss", "valid_loss", "ade_mm", ...}`` at every validation (losses of Figure 4;
+    errors as in :class:`ocplanner.planner.metrics.PlanErrors`), and at the end
+    ``{"stage": "final", "candidate", "kept", "appearance", ...}`` for every candidate and appearance.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,0 +1,165 @@
+"""Demonstrations in memory, and the batches that imitation learns from."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.errors import DatasetError
+from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.observation import Observation, cropped, low_dim_row
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N recorded steps, the demonstrations one after the other.
+
+    Attributes:
+        names: the demonstrations.
+        demonstration: (N,) index into ``names``.
+        last: (N,) row of the last step of each row's demonstration.
+        low_dim: (N, D) float32.
+        images: camera -> (N, h, w, 3) uint8.
+        hint: (N, 6 K + 1) float32, or None.
+        actions: (N, A) float32.
+    """
+
+    names: tuple[str, ...]
+    demonstration: np.ndarray
+    last: np.ndarray
+    low_dim: Tensor
+    images: dict[str, np.ndarray]
+    hint: Tensor | None
+    actions: Tensor
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.actions)
+
+    def batch(
+        self, rows: np.ndarray, config: PolicyTraining, device: torch.device, rng: np.random.Generator | None
+    ) -> tuple[Observation, Tensor]:
+        """Observations and actions: (B, ...) for BC, (T, B, ...) for BC-RNN.
+
+        A sequence begins at its row; one that runs over its demonstration's end repeats the last step, as robomimic
+        pads.
+
+        Args:
+            rows: (B,) row numbers.
+            config: algorithm, sequence length and crop.
+            device: where the tensors go.
+            rng: places the crops; None: central.
+        """
+        if config.algorithm == "bc-rnn":
+            steps = np.arange(config.network.sequence)[:, None]
+            rows = np.minimum(rows + steps, self.last[rows])
+        index = torch.from_numpy(rows)
+        images = {
+            name: cropped(pictures[rows], config.observation.crop, rng).to(device)
+            for name, pictures in self.images.items()
+        }
+        hint = None if self.hint is None else self.hint[index].to(device)
+        return Observation(self.low_dim[index].to(device), images, hint), self.actions[index].to(device)
+
+    def named(self, rows: np.ndarray, most: int = 4) -> str:
+        """Which steps these are, for people."""
+        shown = [f"{self.names[demo]} step {row - self._first(row)}" for row, demo in self._pairs(rows[:most])]
+        return ", ".join(shown) + (f" and {len(rows) - most} more" if len(rows) > most else "")
+
+    def _pairs(self, rows: np.ndarray) -> list[tuple[int, int]]:
+        return [(int(row), int(self.demonstration[row])) for row in rows]
+
+    def _first(self, row: int) -> int:
+        return int(np.searchsorted(self.demonstration, self.demonstration[row]))
+
+    def digest(self) -> str:
+        """Changes when a number that is trained on changes."""
+        arrays = [self.low_dim.numpy(), self.actions.numpy(), *self.images.values()]
+        arrays += [] if self.hint is None else [self.hint.numpy()]
+        value = zlib.crc32(" ".join(self.names).encode())
+        for array in arrays:
+            value = zlib.crc32(np.ascontiguousarray(array).data, value)
+        return f"{len(self)} steps, crc32 {value:08x}"
+
+
+def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTraining) -> Samples:
+    """Read the named demonstrations whole into memory.
+
+    Raises:
+        DatasetError: an observation is missing, not finite or of another size, or an action lies outside [-1, 1].
+    """
+    if not names:
+        raise DatasetError(f"{demos.path}: no demonstration to learn from; name a mask that is not empty")
+    chosen = [demos[name] for name in names]
+    lengths = np.array([demo.length for demo in chosen])
+    seen = config.observation
+    hint = None
+    if config.network.hint is not None:
+        hint = np.concatenate([_hint(demos, demo, config.network.hint.width) for demo in chosen])
+    low_dim = [low_dim_row({key: _numbers(demos, demo, key) for key in seen.low_dim}, seen.low_dim) for demo in chosen]
+    return Samples(
+        names=tuple(names),
+        demonstration=np.repeat(np.arange(len(names)), lengths),
+        last=np.repeat(lengths.cumsum() - 1, lengths),
+        low_dim=torch.from_numpy(np.concatenate(low_dim)),
+        images={
+            camera: np.concatenate([_pictures(demos, demo, camera, seen.image_size) for demo in chosen])
+            for camera in seen.cameras
+        },
+        hint=None if hint is None else torch.from_numpy(hint),
+        actions=torch.from_numpy(np.concatenate([_actions(demos, demo) for demo in chosen])),
+    )
+
+
+def _numbers(demos: Demonstrations, demo: Demonstration, key: str) -> np.ndarray:
+    array = demo.observation(key).astype(np.float32)
+    if array.ndim != 2:
+        raise DatasetError(f"{demos.path}: {demo.name}/obs/{key}: shape {array.shape}, expected (steps, numbers)")
+    if not np.isfinite(array).all():
+        step = int(np.argwhere(~np.isfinite(array))[0, 0])
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{key}: not finite at step {step}; leave the demonstration out of the mask"
+        )
+    return array
+
+
+def _hint(demos: Demonstrations, demo: Demonstration, width: int) -> np.ndarray:
+    if HINT_KEY not in demo.observation_keys:
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{HINT_KEY}: no hints in this data set; "
+            "make a copy that has them with `ocplanner label`"
+        )
+    hint = _numbers(demos, demo, HINT_KEY)
+    if hint.shape[1] != width:
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{HINT_KEY}: {hint.shape[1]} numbers a step, expected {width} "
+            "(six for each horizon and a flag); give --hint-horizons as the data set was labelled"
+        )
+    return hint
+
+
+def _pictures(demos: Demonstrations, demo: Demonstration, camera: str, size: int) -> np.ndarray:
+    images = demo.images(camera)
+    if images.shape[1:3] != (size, size):
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{camera}_image: pictures of {images.shape[1]}x{images.shape[2]}, expected "
+            f"{size}x{size}; render the data set at that size with `ocplanner render`"
+        )
+    return images
+
+
+def _actions(demos: Demonstrations, demo: Demonstration) -> np.ndarray:
+    actions = demo.actions.astype(np.float32)
+    largest = float(np.abs(actions).max())
+    if largest > 1 + 1e-5:
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/actions: {largest:.4g} lies outside [-1, 1]; "
+            "convert the data set with robomimic's convert_robosuite.py, which scales actions"
+        )
+    return actions

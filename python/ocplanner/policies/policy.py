@@ -1,0 +1,153 @@
+"""A trained policy: one ``.safetensors`` file with its whole configuration, and acting with it step by step."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save_file
+from torch import Tensor
+
+from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
+from ocplanner.policies.actor import Actor, Memory
+from ocplanner.policies.config import training_from_dict
+from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.network import make_actor
+from ocplanner.policies.observation import Observation, cropped, low_dim_row
+from ocplanner.storage import atomic_write
+
+FORMAT = 1
+
+
+def save_policy(actor: Actor, description: Mapping[str, Any], path: Path) -> None:
+    """Write a policy file atomically.
+
+    Args:
+        actor: the network.
+        description: what :class:`Policy` gives as ``config``; JSON.
+        path: the file to write.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in actor.state_dict().items()}
+    metadata = {"ocplanner": json.dumps({"format": FORMAT, "kind": "policy", "config": dict(description)})}
+    with atomic_write(path) as temporary:
+        save_file(tensors, temporary, metadata=metadata)
+
+
+class Policy:
+    """A policy file, loaded on the CPU; one instance acts in one batch of environments at a time.
+
+    Attributes:
+        path: the file.
+        sha256: its hash.
+        config: the file's whole configuration.
+        observation_keys: what :meth:`act` needs, by the names under ``obs``.
+    """
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        """Use :meth:`load`."""
+        self.path, self.sha256 = path, hashlib.sha256(data).hexdigest()
+        size = int.from_bytes(data[:8], "little")
+        header = json.loads(json.loads(data[8 : 8 + size])["__metadata__"]["ocplanner"])
+        if header["kind"] != "policy" or header["format"] != FORMAT:
+            raise ValueError(f"it holds a {header['kind']} of format {header['format']}, not a policy of {FORMAT}")
+        self.config: Mapping[str, Any] = MappingProxyType(header["config"])
+        self.training = training_from_dict(self.config["training"])
+        self._actor = make_actor(self.training, self.config["low_dim"], self.config["actions"])
+        self._actor.load_state_dict(load_tensors(data))
+        self._actor.eval()
+        seen = self.training.observation
+        hint = () if self.training.network.hint is None else (HINT_KEY,)
+        self.observation_keys: tuple[str, ...] = (*seen.low_dim, *(f"{name}_image" for name in seen.cameras), *hint)
+        self.reset(0)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Policy":
+        """Read a policy file made by ``ocplanner train-policy``; nothing in it is unpickled.
+
+        Raises:
+            PlannerFileError: the file is missing, damaged, or no policy.
+        """
+        path = Path(path)
+        try:
+            return cls(path, path.read_bytes())
+        except OSError as error:
+            raise PlannerFileError(f"{path}: cannot be read: {error.strerror}") from error
+        except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise PlannerFileError(
+                f"{path} is no policy file ({error}); write one with `ocplanner train-policy`"
+            ) from error
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode: forget what was seen, and draw modes from this seed."""
+        self._memory: Memory | None = None
+        self._steps = 0
+        self._generator = torch.Generator().manual_seed(seed)
+
+    def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Draw actions, clipped to [-1, 1].
+
+        BC-RNN forgets after as many steps as its training sequences have, as robomimic's does.
+
+        Args:
+            observation: for each of ``observation_keys`` an array (B, d), or (B, h, w, 3) uint8 for a camera.
+
+        Returns:
+            (B, A) float32.
+
+        Raises:
+            MismatchError: an observation is missing.
+            ShapeError: an array has the wrong shape.
+        """
+        seen = self._tensors(observation)
+        recurrent = self.training.algorithm == "bc-rnn"
+        with torch.inference_mode():
+            if recurrent:
+                if self._steps % self.training.network.sequence == 0:
+                    self._memory = None
+                seen = _one_step(seen)
+            mixture, self._memory = self._actor.distribution(seen, self._memory)
+            actions = mixture.sample(self.training.network.gmm.low_noise, self._generator)
+        self._steps += 1
+        return (actions[0] if recurrent else actions).clamp(-1, 1).numpy()
+
+    def _tensors(self, observation: Mapping[str, np.ndarray]) -> Observation:
+        missing = [key for key in self.observation_keys if key not in observation]
+        if missing:
+            raise MismatchError(
+                f"the policy needs {', '.join(self.observation_keys)}; missing: {', '.join(missing)}; "
+                f"given: {', '.join(observation) or 'nothing'}"
+            )
+        seen = self.training.observation
+        low_dim = low_dim_row(observation, seen.low_dim)
+        if low_dim.ndim != 2 or low_dim.shape[1] != self.config["low_dim"]:
+            raise ShapeError(f"observations {seen.low_dim}: {low_dim.shape}, expected (B, {self.config['low_dim']})")
+        images: dict[str, Tensor] = {}
+        for name in seen.cameras:
+            picture = np.asarray(observation[f"{name}_image"])
+            if picture.dtype != np.uint8 or picture.shape[1:] != (seen.image_size, seen.image_size, 3):
+                size = seen.image_size
+                raise ShapeError(
+                    f"{name}_image: {picture.dtype} {picture.shape}, expected uint8 (B, {size}, {size}, 3)"
+                )
+            images[name] = cropped(picture, seen.crop, None)
+        hint = observation.get(HINT_KEY) if self.training.network.hint is not None else None
+        tensor = None if hint is None else torch.from_numpy(np.asarray(hint, dtype=np.float32))
+        return Observation(torch.from_numpy(low_dim), images, tensor)
+
+    def __repr__(self) -> str:
+        """Name and algorithm."""
+        return f"Policy({str(self.path)!r}, algorithm={self.training.algorithm!r})"
+
+
+def _one_step(seen: Observation) -> Observation:
+    images = {name: image[None] for name, image in seen.images.items()}
+    return Observation(seen.low_dim[None], images, None if seen.hint is None else seen.hint[None])

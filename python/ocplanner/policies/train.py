@@ -1,0 +1,278 @@
+"""Training a policy: one loop for every algorithm, on one process or many; a stopped run continues to the same weights.
+
+Lightning Fabric starts the processes and averages their gradients. Each process takes its share of every batch, so the
+number of processes changes a run by rounding only (and by batch normalisation and crops with images).
+"""
+
+import math
+import os
+import time
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from torch.multiprocessing.spawn import ProcessRaisedException
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.errors import InvalidValueError, OcplannerError, TrainingError
+from ocplanner.planner.config import to_dict
+from ocplanner.planner.optimisation import BatchOrder, Optimisation
+from ocplanner.planner.progress import Progress
+from ocplanner.planner.run_folder import RunFolder
+from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.data import Samples, load_samples
+from ocplanner.policies.network import make_actor
+from ocplanner.policies.policy import save_policy
+from ocplanner.storage import locked
+from ocplanner.versions import installed
+
+STAGE = "train"
+_VALID_BATCH = 256
+
+
+class Recorded(NamedTuple):
+    """What is learned from: training steps, held-out steps (or None), and what the file says about itself."""
+
+    train: Samples
+    valid: Samples | None
+    about: dict[str, Any]
+
+
+def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int = 1) -> Path:
+    """Train on a robomimic data set and write ``run/policy.safetensors``.
+
+    Under ``torchrun`` the processes are those that it started, on one machine or several, and ``processes`` is ignored.
+
+    Args:
+        config: all settings; the same ones continue a stopped run.
+        data: a robomimic HDF5; hints come from ``ocplanner label``, images from ``ocplanner render``.
+        run: run folder, made when absent; on several machines it must be shared.
+        processes: training processes on this machine: one a GPU, or CPU processes.
+
+    Returns:
+        The policy file's path: the last weights (averaged ones with ``ema``). Earlier ones are in ``run/policies``.
+
+    Raises:
+        DatasetError: the data set is damaged or lacks an observation.
+        TrainingError: a loss is not finite, a process died, or the run folder belongs to another training.
+        InvalidValueError: the batch cannot be shared out evenly, or the device cannot be used.
+        OutputError: the folder cannot be written, or another process trains in it.
+    """
+    elastic = "TORCHELASTIC_RUN_ID" in os.environ
+    world = int(os.environ["WORLD_SIZE"]) if elastic else processes
+    if processes < 1 or config.batch % world:
+        raise InvalidValueError(f"a batch of {config.batch} cannot be shared evenly by {world} processes; change one")
+    fabric = _fabric(config, processes, elastic)
+    try:
+        outcome = fabric.launch(partial(_process, config=config, data=data, run=run))
+    except ProcessRaisedException as error:
+        raise TrainingError(f"a training process died: {str(error).strip().splitlines()[-1]}") from error
+    if isinstance(outcome, OcplannerError):
+        raise outcome
+    return outcome
+
+
+def _fabric(config: PolicyTraining, processes: int, elastic: bool) -> Fabric:
+    machines = 1
+    if elastic:
+        processes = int(os.environ["LOCAL_WORLD_SIZE"])
+        machines = int(os.environ["WORLD_SIZE"]) // processes
+    strategy = "ddp" if elastic else "ddp_spawn" if processes > 1 else "auto"
+    try:
+        return Fabric(accelerator=config.device, devices=processes, num_nodes=machines, strategy=strategy)
+    except (RuntimeError, ValueError) as error:
+        raise InvalidValueError(f"device {config.device!r} cannot be used ({error}); use --device cpu") from error
+
+
+def _process(fabric: Fabric, config: PolicyTraining, data: Path, run: Path) -> Path | OcplannerError:
+    """One process's training; errors for users come back as values, which survive the way between processes."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(config.threads)
+    try:
+        recorded = read(config, data)
+        folder = RunFolder(run)
+        with ExitStack() as held:
+            refused = _claim(held, folder, config, recorded) if fabric.global_rank == 0 else None
+            refused = fabric.broadcast(refused)
+            return refused or _Training(fabric, config, recorded, folder).run()
+    except OcplannerError as error:
+        return error
+    finally:
+        torch.set_num_threads(before)
+
+
+def _claim(held: ExitStack, folder: RunFolder, config: PolicyTraining, recorded: Recorded) -> OcplannerError | None:
+    """Lock the run folder until ``held`` closes; the error that forbids it is given, so that all processes stop."""
+    try:
+        held.enter_context(locked(folder.path))
+        held.callback(folder.close)
+        folder.claim({**to_dict(config), "data": recorded.train.digest()})
+    except OcplannerError as error:
+        return error
+    return None
+
+
+def read(config: PolicyTraining, data: Path) -> Recorded:
+    """The demonstrations to train on, and ``mask/valid`` where there is one.
+
+    Raises:
+        DatasetError: the data set is damaged, has no such mask, or lacks an observation.
+    """
+    with Demonstrations(data) as demos:
+        names = list(demos.names) if config.mask is None else demos.mask(config.mask)
+        train = load_samples(demos, names, config)
+        held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
+        valid = load_samples(demos, held_out, config) if held_out else None
+        about = {
+            "task": demos.task_name,
+            "environment": demos.env_name,
+            "robots": list(demos.robots),
+            "object_layout": demos[names[0]].object_layout(),
+            "render": demos.render_settings,
+            "low_dim": train.low_dim.shape[1],
+            "actions": train.actions.shape[1],
+        }
+        return Recorded(train, valid, about)
+
+
+def rate(config: PolicyTraining, step: int) -> float:
+    """The learning rate of a step: linear warm-up, then constant or a cosine to zero at the last step."""
+    warm = min(1.0, (step + 1) / max(1, config.warmup))
+    decay = 1.0 if config.schedule == "constant" else 0.5 * (1 + math.cos(math.pi * step / config.steps))
+    return config.learning_rate * warm * decay
+
+
+class _Training:
+    def __init__(self, fabric: Fabric, config: PolicyTraining, recorded: Recorded, folder: RunFolder) -> None:
+        self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
+        self.progress = Progress()
+        actor = make_actor(config, recorded.about["low_dim"], recorded.about["actions"])
+        actor.encoder.fit(recorded.train.low_dim)
+        if config.observation.cameras:
+            actor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.actor = actor.to(fabric.device)
+        self.parallel = fabric.setup_module(self.actor)
+        self.optimisation = Optimisation(self.actor, config, lambda step: rate(config, step), config.clip)
+        self.seconds = 0.0
+
+    @property
+    def first(self) -> bool:
+        return self.fabric.global_rank == 0
+
+    def run(self) -> Path:
+        first = self._resume()
+        order = BatchOrder(len(self.recorded.train), self.config.batch, (self.config.seed, 0))
+        losses: list[float] = []
+        started, since = time.monotonic() - self.seconds, (first, time.monotonic())
+        with self.progress.bar(self.config.algorithm if self.first else "", self.config.steps, first) as advance:
+            for step in range(first, self.config.steps):
+                losses.append(self._step(order.rows(step), step))
+                advance(losses[-1])
+                done = step + 1
+                last = done == self.config.steps
+                self.seconds = time.monotonic() - started
+                if last or done % self.config.validate_every == 0:
+                    speed = (done - since[0]) / (time.monotonic() - since[1])
+                    self._report(done, float(np.mean(losses)), speed)
+                    losses.clear()
+                    since = (done, time.monotonic())
+                if last or done % self.config.save_every == 0:
+                    self._save_policy(self.folder.path / "policies" / f"step_{done:07d}.safetensors", done)
+                if last or done % self.config.checkpoint_every == 0:
+                    self._save_checkpoint(done)
+        policy = self.folder.path / "policy.safetensors"
+        self._save_policy(policy, self.config.steps)
+        return policy
+
+    # -- one step --------------------------------------------------------------------------------------------------
+
+    def _step(self, rows: np.ndarray, step: int) -> float:
+        fabric, train = self.fabric, self.recorded.train
+        rng = np.random.default_rng([self.config.seed, 1, step, fabric.global_rank])
+        share = rows[fabric.global_rank :: fabric.world_size]
+        observation, actions = train.batch(share, self.config, fabric.device, rng)
+        self.actor.train()
+        loss = self.parallel(observation, actions)
+        value = loss.detach()
+        if fabric.world_size > 1:
+            value = fabric.all_reduce(value, reduce_op="mean")
+        value = float(value)  # type: ignore[arg-type]
+        if not math.isfinite(value):
+            raise TrainingError(
+                f"the loss is {value} at step {step + 1}, batch: {train.named(rows)}; lower the learning rate "
+                f"({self.config.learning_rate:g}), or look for damaged numbers in these demonstrations"
+            )
+        self.optimisation.step(loss, step, fabric.backward)
+        return value
+
+    # -- what is written, by the first process alone ---------------------------------------------------------------
+
+    def _report(self, step: int, loss: float, speed: float) -> None:
+        if not self.first:
+            return
+        row: dict[str, Any] = {"stage": STAGE, "step": step, "seconds": round(self.seconds, 1), "loss": loss}
+        row |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
+        text = f"step {step} of {self.config.steps}: loss {loss:.4g}"
+        if self.recorded.valid is not None:
+            self.optimisation.swap()
+            row["valid_loss"] = held_out_loss(self.actor, self.recorded.valid, self.config, self.fabric.device)
+            self.optimisation.swap()
+            text += f", held out {row['valid_loss']:.4g}"
+        self.folder.record(row)
+        left = (self.config.steps - step) / speed
+        self.progress.say(f"{text}, {speed:.1f} steps/s, {left / 60:.1f} minutes left")
+
+    def _save_policy(self, path: Path, step: int) -> None:
+        if not self.first:
+            return
+        description = {
+            **self.recorded.about,
+            "algorithm": self.config.algorithm,
+            "seed": self.config.seed,
+            "step": step,
+            "data": self.recorded.train.digest(),
+            "versions": installed(),
+            "training": to_dict(self.config),
+        }
+        self.optimisation.swap()
+        save_policy(self.actor, description, path)
+        self.optimisation.swap()
+
+    def _save_checkpoint(self, step: int) -> None:
+        if self.first:
+            tensors = {f"network.{name}": value for name, value in self.actor.state_dict().items()}
+            tensors |= dict(self.optimisation.state())
+            self.folder.save("latest", tensors, {"step": step, "seconds": self.seconds})
+
+    def _resume(self) -> int:
+        latest = self.folder.load("latest")
+        if latest is None:
+            return 0
+        tensors, facts = latest
+        with torch.no_grad():
+            for name, value in self.actor.state_dict().items():
+                value.copy_(tensors[f"network.{name}"])
+        self.optimisation.restore(tensors)
+        self.seconds = float(facts["seconds"])
+        step = int(facts["step"])
+        if self.first:
+            self.folder.rewind((STAGE,), STAGE, step)
+            self.progress.say(f"continuing {self.folder.path} at step {step} of {self.config.steps}")
+        return step
+
+
+def held_out_loss(actor: torch.nn.Module, samples: Samples, config: PolicyTraining, device: torch.device) -> float:
+    """Mean negative log-likelihood of held-out actions, central crops, with the learned standard deviations."""
+    actor.eval()
+    total = 0.0
+    stride = config.network.sequence if config.algorithm == "bc-rnn" else 1
+    every = np.arange(0, len(samples), stride)
+    with torch.inference_mode():
+        for start in range(0, len(every), _VALID_BATCH):
+            rows = every[start : start + _VALID_BATCH]
+            total += float(actor(*samples.batch(rows, config, device, None))) * len(rows)
+    return total / len(every)

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+import torch
+
+from ocplanner import Policy
+from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
+from ocplanner.planner.config import to_dict
+from ocplanner.policies.network import make_actor
+from ocplanner.policies.observation import Observation
+from ocplanner.policies.policy import save_policy
+
+WIDTHS = {"object": 14, "robot0_eef_pos": 3, "robot0_eef_quat": 4, "robot0_gripper_qpos": 2}
+
+
+@pytest.fixture
+def saved(tmp_path, small):
+    """``saved(algorithm, **settings)``: an untrained policy's file and its network."""
+
+    def make(algorithm="bc", **settings):
+        config = small(algorithm, **settings)
+        actor = make_actor(config, 23, 7).eval()
+        path = tmp_path / "policy.safetensors"
+        save_policy(actor, {"low_dim": 23, "actions": 7, "training": to_dict(config)}, path)
+        return path, actor
+
+    return make
+
+
+def seen(count: int = 2, seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return {key: rng.normal(size=(count, width)) for key, width in WIDTHS.items()}
+
+
+def test_acting_draws_from_the_networks_mixture(saved):
+    path, actor = saved()
+    policy = Policy.load(path)
+    observation = seen()
+    action = policy.act(observation)
+    assert (action.shape, action.dtype) == ((2, 7), np.float32)
+    numbers = torch.from_numpy(np.concatenate(list(observation.values()), axis=1).astype(np.float32))
+    means = actor.distribution(Observation(numbers, {}, None))[0].means.detach().numpy()
+    assert np.abs(action[:, None] - means).max(-1).min(-1).max() < 1e-3
+
+
+def test_an_episode_repeats_with_its_seed(saved):
+    policy = Policy.load(saved("bc-rnn")[0])
+    episodes = []
+    for seed in (3, 3, 4):
+        policy.reset(seed)
+        episodes.append([policy.act(seen(seed=t)) for t in range(8)])
+    np.testing.assert_array_equal(episodes[0], episodes[1])
+    assert not np.array_equal(episodes[0], episodes[2])
+
+
+def test_the_memory_lasts_as_long_as_a_training_sequence(saved):
+    path, actor = saved("bc-rnn")
+    policy = Policy.load(path)
+    rows = [torch.from_numpy(np.concatenate(list(seen(seed=t).values()), axis=1).astype(np.float32)) for t in range(7)]
+    means = []
+    for part in (rows[:5], rows[5:]):  # a sequence has 5 steps
+        mixture, _ = actor.distribution(Observation(torch.stack(part), {}, None))
+        means += list(mixture.means.detach().numpy())
+    for t in range(7):
+        action = policy.act(seen(seed=t))
+        assert np.abs(action[:, None] - means[t]).max(-1).min(-1).max() < 1e-3
+
+
+def test_images_and_hints_are_read(saved):
+    policy = Policy.load(saved("bc-rnn", cameras=("agentview",), hint=(1,))[0])
+    assert policy.observation_keys == (*WIDTHS, "agentview_image", "ocp_hint")
+    observation = seen() | {"agentview_image": np.zeros((2, 84, 84, 3), np.uint8), "ocp_hint": np.zeros((2, 7))}
+    assert policy.act(observation).shape == (2, 7)
+    pushed = observation | {"ocp_hint": np.array([[9.0, 9, 9, 9, 9, 9, 1]] * 2)}
+    policy.reset(0)
+    np.testing.assert_array_equal(np.abs(policy.act(pushed)[:, :6]), 1)  # clipped
+
+
+def test_wrong_observations_are_refused(saved):
+    policy = Policy.load(saved(cameras=("agentview",))[0])
+    with pytest.raises(MismatchError, match="missing: agentview_image"):
+        policy.act(seen())
+    with pytest.raises(ShapeError, match=r"expected uint8 \(B, 84, 84, 3\)"):
+        policy.act(seen() | {"agentview_image": np.zeros((2, 84, 84, 3))})
+    with pytest.raises(ShapeError, match=r"\(2, 24\), expected \(B, 23\)"):
+        policy.act(seen() | {"object": np.zeros((2, 15)), "agentview_image": np.zeros((2, 84, 84, 3), np.uint8)})
+
+
+def test_files_that_are_no_policies_are_refused(saved, tmp_path):
+    path, _ = saved()
+    content = path.read_bytes()
+    with pytest.raises(PlannerFileError, match="cannot be read"):
+        Policy.load(tmp_path / "absent.safetensors")
+    faults = {
+        "truncated": content[: len(content) // 2],
+        "empty": b"",
+        "text": b"not a policy at all",
+        "planner": content.replace(b'\\"kind\\": \\"policy\\"', b'\\"kind\\": \\"plaice\\"'),
+        "other sizes": content.replace(b'\\"lstm_hidden\\": 16', b'\\"lstm_hiddem\\": 16'),
+    }
+    for fault, data in faults.items():
+        assert data != content, fault
+        path.write_bytes(data)
+        with pytest.raises(PlannerFileError, match="is no policy file"):
+            Policy.load(path)

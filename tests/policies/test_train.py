@@ -1,0 +1,152 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from ocplanner.errors import OutputError, TrainingError
+from ocplanner.planner.config import to_dict
+from ocplanner.planner.run_folder import RunFolder
+from ocplanner.policies import train
+from ocplanner.policies.data import Samples
+from ocplanner.policies.policy import Policy
+from ocplanner.policies.train import rate, train_policy
+from ocplanner.storage import locked
+
+
+class Killed(BaseException):
+    """Stands for a kill: nothing in the library catches it."""
+
+
+def differing(first, second) -> set[str]:
+    a, b = load_file(first), load_file(second)
+    assert a.keys() == b.keys()
+    return {name for name in a if not torch.equal(a[name], b[name])}
+
+
+def test_a_run_folder_holds_everything(tiny_square, tmp_path, small):
+    config = small("bc-rnn")
+    policy = train_policy(config, tiny_square(), tmp_path / "run")
+    folder = policy.parent
+    assert {p.name for p in folder.iterdir()} == {
+        "config.yaml", "metrics.jsonl", "tensorboard", "checkpoints", "policies", "policy.safetensors"
+    }  # fmt: skip
+    assert sorted(p.name for p in (folder / "policies").iterdir()) == [
+        "step_0000010.safetensors", "step_0000020.safetensors"
+    ]  # fmt: skip
+    assert differing(policy, folder / "policies" / "step_0000020.safetensors") == set()
+    rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert [row["step"] for row in rows] == [5, 10, 15, 20]
+    for row in rows:
+        assert row["steps_per_second"] > 0
+        assert np.isfinite([row["loss"], row["valid_loss"]]).all()
+    assert list((folder / "tensorboard").glob("events*"))
+    loaded = Policy.load(policy)
+    assert loaded.training == config
+    assert loaded.config["training"] == to_dict(config)
+    assert {key: loaded.config[key] for key in ("task", "object_layout", "step", "seed", "robots")} == {
+        "task": "Square", "object_layout": "absolute-first", "step": 20, "seed": 0, "robots": ["Panda"]
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+def test_losses_fall(tiny_square, tmp_path, small, algorithm):
+    config = small(algorithm, steps=300, validate_every=100, save_every=300, learning_rate=5e-3)
+    train_policy(config, tiny_square(), tmp_path / "run")
+    rows = RunFolder(tmp_path / "run").rows()
+    assert rows[-1]["loss"] < rows[0]["loss"] - 5
+    assert rows[-1]["valid_loss"] < rows[0]["valid_loss"]
+
+
+@pytest.mark.parametrize("ema", [0.0, 0.9])
+@pytest.mark.parametrize(("algorithm", "cameras"), [("bc", ()), ("bc-rnn", ()), ("bc", ("agentview",))])
+def test_a_killed_training_continues_to_the_same_weights(
+    tiny_square, tmp_path, monkeypatch, small, algorithm, cameras, ema
+):
+    config = small(algorithm, cameras=cameras, ema=ema)
+    data = tiny_square(images=bool(cameras))
+    whole = train_policy(config, data, tmp_path / "whole")
+    original, calls = Samples.batch, []
+
+    def batch(self, rows, config, device, rng):
+        calls.append(rng is not None)
+        if sum(calls) > 13:
+            raise Killed
+        return original(self, rows, config, device, rng)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Samples, "batch", batch)
+        with pytest.raises(Killed):
+            train_policy(config, data, tmp_path / "killed")
+    resumed = train_policy(config, data, tmp_path / "killed")
+    for name in ("policy.safetensors", "policies/step_0000010.safetensors", "policies/step_0000020.safetensors"):
+        assert differing(tmp_path / "whole" / name, tmp_path / "killed" / name) == set()
+    assert differing(whole, resumed) == set()
+    losses = [
+        [(row["step"], row["loss"], row["valid_loss"]) for row in RunFolder(p.parent).rows()] for p in (whole, resumed)
+    ]
+    assert losses[0] == losses[1]
+
+
+def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch, small):
+    first = load_file(train_policy(small(), tiny_square(), tmp_path / "run"))
+    monkeypatch.setattr(train._Training, "_step", lambda *_: pytest.fail("trained again"))
+    second = load_file(train_policy(small(), tiny_square(), tmp_path / "run"))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_two_processes_train_as_one_does(tiny_square, tmp_path, small):
+    config = small("bc-rnn", hint=None, schedule="constant", warmup=0, steps=10, save_every=10)
+    one = load_file(train_policy(config, tiny_square(), tmp_path / "one"))
+    two = load_file(train_policy(config, tiny_square(), tmp_path / "two", processes=2))
+    for name, value in one.items():
+        torch.testing.assert_close(two[name], value, rtol=1e-3, atol=1e-5)
+    rows = [RunFolder(tmp_path / run).rows() for run in ("one", "two")]
+    for a, b in zip(*rows, strict=True):
+        assert a["loss"] == pytest.approx(b["loss"], rel=1e-4)
+
+
+def test_an_error_reaches_the_user_from_two_processes(tiny_square, tmp_path, small):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.yaml").write_text("seed: 5\n")
+    with pytest.raises(TrainingError, match="belongs to another training"):
+        train_policy(small(), tiny_square(), tmp_path / "run", processes=2)
+
+
+def test_a_loss_that_is_not_finite_names_step_and_batch(tiny_square, tmp_path, monkeypatch, small):
+    original, calls = Samples.batch, []
+
+    def batch(self, rows, config, device, rng):
+        seen, actions = original(self, rows, config, device, rng)
+        calls.append(rng is not None)
+        return seen, actions * float("nan") if sum(calls) == 8 else actions
+
+    monkeypatch.setattr(Samples, "batch", batch)
+    with pytest.raises(TrainingError, match=r"loss is nan at step 8, batch: demo_\d+ step \d+, .* and 12 more; lower"):
+        train_policy(small(), tiny_square(), tmp_path / "run")
+
+
+def test_another_configuration_or_other_data_in_the_folder_is_refused(tiny_square, tmp_path, small):
+    train_policy(small(), tiny_square(), tmp_path / "run")
+    with pytest.raises(TrainingError, match=r"seed was 0, is 1.*another --run"):
+        train_policy(small(seed=1), tiny_square(), tmp_path / "run")
+    with pytest.raises(TrainingError, match=r"data was 270 steps"):
+        train_policy(small(), tiny_square("1.5.1"), tmp_path / "run")
+
+
+def test_a_folder_in_use_is_refused(tiny_square, tmp_path, small):
+    with locked(tmp_path / "run"), pytest.raises(OutputError, match="another process"):
+        train_policy(small(), tiny_square(), tmp_path / "run")
+
+
+def test_the_learning_rate_follows_its_schedule(small):
+    constant = small(learning_rate=1e-3, schedule="constant", warmup=0)
+    assert {rate(constant, step) for step in range(20)} == {1e-3}
+    cosine = replace(constant, schedule="cosine", warmup=4)
+    values = [rate(cosine, step) for step in range(20)]
+    assert values[0] == pytest.approx(0.25e-3)
+    assert max(values) < 1e-3
+    assert values[4:] == sorted(values[4:], reverse=True)
+    assert rate(cosine, 20) == pytest.approx(0)
