@@ -28,16 +28,18 @@ if TYPE_CHECKING:
     from ocplanner.planner.planner import Plan, Planner
     from ocplanner.policies.policy import Policy
     from ocplanner.pose import Pose
-    from ocplanner.rewards import RewardConfig, label_demonstration, plan_reward
+    from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset, label_demonstration, plan_reward
 
 _LAZY = {
     "Demonstration": "ocplanner.demos.demonstration",
     "Demonstrations": "ocplanner.demos.dataset",
+    "LabelSettings": "ocplanner.rewards",
     "Plan": "ocplanner.planner.planner",
     "Planner": "ocplanner.planner.planner",
     "Policy": "ocplanner.policies.policy",
     "Pose": "ocplanner.pose",
     "RewardConfig": "ocplanner.rewards",
+    "label_dataset": "ocplanner.rewards",
     "label_demonstration": "ocplanner.rewards",
     "make_env": "ocplanner.envs",
     "plan_reward": "ocplanner.rewards",
@@ -46,11 +48,13 @@ _LAZY = {
 __all__ = [
     "Demonstration",
     "Demonstrations",
+    "LabelSettings",
     "Plan",
     "Planner",
     "Policy",
     "Pose",
     "RewardConfig",
+    "label_dataset",
     "label_demonstration",
     "make_env",
     "plan_reward",

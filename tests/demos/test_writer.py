@@ -53,6 +53,23 @@ def test_round_trip(tmp_path):
         assert file["data/demo_2/obs/agentview_image"].chunks == (1, 8, 8, 3)  # random access to frames
 
 
+def test_a_copy_with_some_arrays_changed(tiny_square, tmp_path):
+    source = Demonstrations(tiny_square("1.5.1", True))
+    rewards, added = np.arange(90.0), np.ones((90, 2, 3), np.float32)
+    with DatasetWriter(tmp_path / "copy.hdf5", source.env_args) as writer:
+        with pytest.raises(DatasetError, match=r"demo_1: rewards has shape \(89,\), but there are 90 actions"):
+            writer.add_copy(source["demo_1"], {"rewards": rewards[:89]})
+        writer.add_copy(source["demo_1"], {"rewards": rewards, "obs/added": added})
+        writer.finish()
+    with Demonstrations(tmp_path / "copy.hdf5") as copy:
+        stored, before = copy["demo_1"].arrays(), source["demo_1"].arrays()
+        assert copy["demo_1"].attrs == source["demo_1"].attrs
+        np.testing.assert_array_equal(stored.pop("obs/added"), added, strict=True)
+        for key, array in {**before, "rewards": rewards}.items():
+            np.testing.assert_array_equal(stored.pop(key), array, strict=True)
+        assert stored == {}
+
+
 @pytest.mark.parametrize("version", ["1.4.1", "1.5.1"])
 def test_copies_any_data_set(tiny_square, tmp_path, version):
     source = Demonstrations(tiny_square(version, True))

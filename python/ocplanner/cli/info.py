@@ -96,6 +96,7 @@ def describe_dataset(path: Path) -> Facts:
             "arrays": {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()},
             "cameras": list(demos.cameras),
             "rendered": demos.render_settings,
+            "labelled": demos.label_settings,
         }
 
 

@@ -11,6 +11,7 @@ from ocplanner.demos.hdf5 import HDF5File
 from ocplanner.demos.layouts import TASK_OBJECTS, Order
 
 RENDER_ATTRIBUTE = "ocplanner_render"
+LABEL_ATTRIBUTE = "ocplanner_label"
 
 
 class Demonstrations(Sequence[Demonstration]):
@@ -136,6 +137,12 @@ class Demonstrations(Sequence[Demonstration]):
         """How ``ocplanner render`` made the images; None when it did not."""
         text = self.attrs.get(RENDER_ATTRIBUTE)
         return None if text is None else self._json(RENDER_ATTRIBUTE, text)
+
+    @property
+    def label_settings(self) -> dict[str, Any] | None:
+        """How ``ocplanner label`` made the hints and rewards; None when it did not."""
+        text = self.attrs.get(LABEL_ATTRIBUTE)
+        return None if text is None else self._json(LABEL_ATTRIBUTE, text)
 
     def _read_env_args(self) -> dict[str, Any]:
         if not self._file.has("data"):

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from ocplanner.demos.hdf5 import HDF5File
@@ -93,6 +94,11 @@ class Demonstration:
     def cameras(self) -> tuple[str, ...]:
         """The cameras that it holds images of, as ``obs/<camera>_image``."""
         return tuple(key.removesuffix("_image") for key in self.observation_keys if key.endswith("_image"))
+
+    @property
+    def next_observation_keys(self) -> tuple[str, ...]:
+        """The names under ``next_obs``; empty when there are none."""
+        return self._file.names(self._key("next_obs"))
 
     def observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """``obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
@@ -190,6 +196,10 @@ class Demonstration:
     def arrays(self) -> dict[str, np.ndarray]:
         """Every array of the demonstration, by path (``actions``, ``obs/object``, ...): what a copy needs."""
         return {path: self._file.read(self._key(path)) for path in self._file.arrays(f"data/{self.name}")}
+
+    def copy_to(self, target: h5py.Group, name: str) -> None:
+        """Copy it, attributes included, to another open file: compressed data stay as they are."""
+        self._file.copy(f"data/{self.name}", target, name)
 
     def _key(self, key: str) -> str:
         return f"data/{self.name}/{key}"

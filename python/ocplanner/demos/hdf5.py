@@ -84,6 +84,11 @@ class HDF5File:
                 group.visititems(lambda path, item: found.append(path) if isinstance(item, h5py.Dataset) else None)
         return tuple(found)
 
+    def copy(self, key: str, target: h5py.Group, name: str) -> None:
+        """Copy what stands at ``key`` to another open file, block by block, without unpacking it."""
+        with self.reading(key) as handle:
+            handle.copy(key, target, name=name)
+
     def _array(self, handle: h5py.File, key: str) -> h5py.Dataset:
         if key not in handle:
             parent = key.rpartition("/")[0]

@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 
 from ocplanner.demos.dataset import natural_key
+from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, OutputError
 from ocplanner.storage import atomic_json, atomic_write, locked, output_error
 
@@ -93,9 +94,31 @@ class DatasetWriter:
         with _saving(self.path), atomic_write(part) as temporary, _create(temporary) as file:
             group = file.create_group("demo")
             group.attrs.update({**(attrs or {}), "num_samples": steps})
-            for key, array in arrays.items():
-                chunks = (1, *array.shape[1:]) if array.ndim >= _BIG_FROM_DIMS else None
-                group.create_dataset(key, data=array, compression="gzip", compression_opts=4, chunks=chunks)
+            _store(group, arrays)
+
+    def add_copy(self, demo: Demonstration, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store a copy of another file's demonstration, with arrays added to it or put in place of its own.
+
+        What is copied stays packed as it is, so this costs neither time nor memory for images.
+
+        Args:
+            demo: the demonstration, under whose name it is stored.
+            arrays: by path, as for :meth:`add`.
+
+        Raises:
+            DatasetError: the demonstration cannot be read, or the arrays do not fit it.
+            OutputError: the disk is full or the folder is gone.
+        """
+        steps = _check(demo.name, {"actions": demo.actions, **arrays})
+        part = self.parts / f"{demo.name}.hdf5"
+        with _saving(self.path), atomic_write(part) as temporary, _create(temporary) as file:
+            demo.copy_to(file, "demo")
+            group = file.require_group("demo")
+            group.attrs["num_samples"] = steps
+            for key in arrays:
+                if key in group:
+                    del group[key]
+            _store(group, arrays)
 
     def finish(self, masks: Mapping[str, Sequence[str]] | None = None, names: Sequence[str] | None = None) -> Path:
         """Put the demonstrations together into the target file, with bounded memory, and remove the parts.
@@ -180,6 +203,12 @@ def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:
         if array.dtype.kind not in "fiub":
             raise DatasetError(f"{name}: {key} has dtype {array.dtype}, expected numbers")
     return steps
+
+
+def _store(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
+    for key, array in arrays.items():
+        chunks = (1, *array.shape[1:]) if array.ndim >= _BIG_FROM_DIMS else None
+        group.create_dataset(key, data=array, compression="gzip", compression_opts=4, chunks=chunks)
 
 
 class _RememberingFile(io.FileIO):

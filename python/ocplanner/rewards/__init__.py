@@ -1,7 +1,21 @@
-"""Dense rewards from plans: how far the object is from where the planner wanted it (the paper's section 5)."""
+"""Labels from plans: dense rewards, how far the object is from where the planner wanted it, and hints (section 5)."""
 
 from ocplanner.rewards.config import FORMS, Form, RewardConfig
+from ocplanner.rewards.dataset import label_dataset
 from ocplanner.rewards.labelling import label_demonstration
+from ocplanner.rewards.labels import REWARD_MODES, LabelSettings, RewardMode
 from ocplanner.rewards.terms import ObjectPoses, Rewards, plan_reward
 
-__all__ = ["FORMS", "Form", "ObjectPoses", "RewardConfig", "Rewards", "label_demonstration", "plan_reward"]
+__all__ = [
+    "FORMS",
+    "REWARD_MODES",
+    "Form",
+    "LabelSettings",
+    "ObjectPoses",
+    "RewardConfig",
+    "RewardMode",
+    "Rewards",
+    "label_dataset",
+    "label_demonstration",
+    "plan_reward",
+]

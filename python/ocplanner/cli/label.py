@@ -1,0 +1,96 @@
+"""``ocplanner label``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from ocplanner.progress import counting_columns
+from ocplanner.rewards.config import Form
+from ocplanner.rewards.labels import RewardMode
+
+
+@dataclass(frozen=True)
+class Label:
+    """Write a planner's hints and dense rewards into a copy of a data set with images.
+
+    Stop it whenever you like: the same command goes on where it was.
+    """
+
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+    """robomimic data set with the images that the planner was trained on, as `ocplanner render` makes them."""
+    target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
+    """File to make: a copy with labels."""
+    planner: Path
+    """Planner file (.safetensors)."""
+    hints: bool = True
+    """Write obs/ocp_hint and obs/ocp_plan."""
+    horizon_step: tuple[int, ...] = (1,)
+    """Planned steps that hints point to: 1 is the next, the paper's; several are stacked."""
+    reward: RewardMode = "off"
+    """Add the plan's reward to the recorded one, put it in its place, or leave rewards alone."""
+    form: Form = "penalty"
+    """Form of the plan's reward; literal is the paper's equation as printed."""
+    a: float = 0.003
+    """Weight of the position term, 1/m^2."""
+    b: float = 0.003
+    """Weight of the rotation term."""
+    gamma: float = 0.99
+    """The learner's discount; for the form potential."""
+    scale: float = 2.5e-4
+    """The weighted error at which the form exp has fallen to 1/e."""
+    batch: int = 64
+    """Images planned at a time."""
+    threads: int = 1
+    """Threads of the planner."""
+    limit: int | None = None
+    """Label the first so many demonstrations only."""
+    overwrite: bool = False
+    """Replace the target if it is there."""
+
+    def run(self) -> None:
+        """Label with a progress bar."""
+        from ocplanner.demos.dataset import Demonstrations
+        from ocplanner.planner.planner import Planner
+        from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset
+
+        settings = LabelSettings(
+            hints=self.hints,
+            horizon_steps=self.horizon_step,
+            reward=self.reward,
+            reward_config=RewardConfig(self.a, self.b, self.form, self.gamma, self.scale),
+            batch=self.batch,
+        )
+        planner = Planner.load(self.planner)
+        with Demonstrations(self.source) as demos:
+            total = len(demos.names[: self.limit])
+        console = Console(stderr=True)
+        columns = counting_columns("demonstrations, {task.fields[rate]} steps/s")
+        with Progress(*columns, console=console) as bar:
+            line = bar.add_task("labelling", total=total, rate="-")
+            steps = 0
+
+            def advance(_: str, length: int) -> None:
+                nonlocal steps
+                steps += length
+                elapsed = bar.tasks[line].elapsed or 0.0
+                bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
+
+            path = label_dataset(
+                self.source,
+                self.target,
+                planner,
+                settings,
+                threads=self.threads,
+                limit=self.limit,
+                overwrite=self.overwrite,
+                progress=advance,
+            )
+        written = [*(["hints"] if self.hints else []), *([f"rewards ({self.reward})"] if self.reward != "off" else [])]
+        console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)} with {' and '.join(written)}")
+
+
+COMMAND = Label

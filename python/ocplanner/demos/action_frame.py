@@ -1,0 +1,135 @@
+"""In which frame and scale a data set's actions move the end effector (OSC_POSE deltas)."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.envs import ManipulationEnv, make_env
+from ocplanner.envs.tasks import task_of_env
+from ocplanner.errors import DatasetError, MismatchError, ShapeError
+
+_SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's own where a recording does not say
+
+
+class ActionScale(NamedTuple):
+    """What an action of 1 asks for: metres and radians a control step."""
+
+    position: float
+    rotation: float
+
+
+class ActionFrame:
+    """Frame and scale of the end-effector deltas of one data set; a context manager.
+
+    robosuite up to 1.4 reads them in the world frame. From 1.5 on it reads them in the frame of the arm's base, which
+    on some arms turns with the first joint, unless ``input_ref_frame`` says ``world``; the base is then looked up in a
+    simulation set to the recorded states.
+
+    Attributes:
+        scale: of the actions.
+        name: ``"world"`` or ``"base"``.
+
+    Raises:
+        MismatchError: the actions are no OSC_POSE deltas of one arm.
+    """
+
+    def __init__(self, demos: Demonstrations) -> None:
+        self._demos = demos
+        controller = _osc_pose(demos)
+        self.scale = _scale(demos, controller)
+        modern = "input_type" in controller or "input_ref_frame" in controller or _from_1_5(demos.env_version)
+        self.name = str(controller.get("input_ref_frame", "base")) if modern else "world"
+        if self.name not in ("world", "base"):
+            raise MismatchError(f"{demos.path}: actions in the frame {self.name!r}; only world and base are known")
+        self._env: ManipulationEnv | None = None
+
+    def rotations_world(self, demo: Demonstration, rows: np.ndarray) -> np.ndarray:
+        """(n, 3, 3) rotations, frame of the actions -> world, at the given steps.
+
+        Raises:
+            DatasetError: the frame is the base's, and the states are missing or another model's.
+        """
+        if self.name == "world" or not len(rows):
+            return np.tile(np.eye(3), (len(rows), 1, 1))
+        states = demo.states
+        return np.stack([self._base(demo, states[row]) for row in rows])
+
+    def close(self) -> None:
+        """Free the simulation."""
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    def __enter__(self) -> "ActionFrame":
+        """Nothing to do."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Free the simulation."""
+        self.close()
+
+    def _base(self, demo: Demonstration, state: np.ndarray) -> np.ndarray:
+        if self._env is None:
+            self._env = make_env(task_of_env(self._demos.env_name), self._demos.robots[0], cameras=())
+        try:
+            self._env.set_state(state)
+        except ShapeError as error:
+            raise DatasetError(f"{demo!r}: the base's frame cannot be told from the states: {error}") from error
+        return self._env.base_rotation
+
+
+def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
+    kwargs = demos.env_args.get("env_kwargs")
+    found = list(_controllers((kwargs if isinstance(kwargs, dict) else {}).get("controller_configs")))
+    arms = [controller for controller in found if controller["type"] == "OSC_POSE"]
+    if len(demos.robots) != 1 or len(arms) != 1:
+        types = ", ".join(sorted({str(controller["type"]) for controller in found})) or "nothing"
+        raise MismatchError(
+            f"{demos.path}: controllers {types} of {', '.join(demos.robots) or 'no robot'} in env_args; hints are "
+            "commands to one arm under OSC_POSE: record with that controller, or label rewards only (--no-hints)"
+        )
+    if arms[0].get("input_type", "delta") != "delta" or arms[0].get("control_delta", True) is not True:
+        raise MismatchError(
+            f"{demos.path}: absolute actions; hints are deltas: use the data set with delta actions, or label rewards "
+            "only (--no-hints)"
+        )
+    return arms[0]
+
+
+def _controllers(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Every arm's controller in robosuite's description, whose nesting changed from version to version."""
+    if isinstance(value, list):
+        for part in value:
+            yield from _controllers(part)
+    elif isinstance(value, dict):
+        if str(value.get("type", "")).startswith(("OSC", "JOINT", "IK")):
+            yield value
+            return
+        for part in value.values():
+            yield from _controllers(part)
+
+
+def _scale(demos: Demonstrations, controller: Mapping[str, Any]) -> ActionScale:
+    default = [_SCALE_M] * 3 + [_SCALE_RAD] * 3
+    try:
+        most = np.broadcast_to(np.asarray(controller.get("output_max", default), dtype=np.float64), 6)
+        least = np.broadcast_to(np.asarray(controller.get("output_min", -most), dtype=np.float64), 6)
+        range_in = (float(controller.get("input_min", -1)), float(controller.get("input_max", 1)))
+    except (TypeError, ValueError) as error:
+        raise MismatchError(f"{demos.path}: the controller's scale in env_args cannot be read: {error}") from error
+    uniform = np.all(most[:3] == most[0]) and np.all(most[3:] == most[3]) and np.array_equal(least, -most)
+    if not uniform or np.any(most <= 0) or range_in != (-1.0, 1.0):
+        raise MismatchError(
+            f"{demos.path}: actions in {range_in} become {least.tolist()} to {most.tolist()}; hints need actions in "
+            "[-1, 1] and one symmetric scale for the position and one for the rotation"
+        )
+    return ActionScale(float(most[0]), float(most[3]))
+
+
+def _from_1_5(version: str | None) -> bool:
+    numbers = re.match(r"v?(\d+)\.(\d+)", version or "")
+    return numbers is not None and (int(numbers[1]), int(numbers[2])) >= (1, 5)

@@ -1,0 +1,56 @@
+"""From plans to hints: the action that would take the held object where the plan wants it (the paper's section 5)."""
+
+import numpy as np
+
+from ocplanner import _core
+from ocplanner.errors import InvalidValueError
+from ocplanner.planner.planner import Plan
+
+HINT_WIDTH = 6
+"""Numbers for each planned step: position part (3), rotation part (3)."""
+
+
+def plan_hints(
+    plan: Plan,
+    pose_object: tuple[np.ndarray, np.ndarray],
+    eef_positions: np.ndarray,
+    rotations_world_action: np.ndarray,
+    horizon_steps: tuple[int, ...] = (1,),
+    law: _core.DeltaPoseLaw | None = None,
+) -> np.ndarray:
+    """(B, 6 K) float64: for each of K planned steps the normalised delta command from the object's pose to it.
+
+    With the weights x, y and the residual A of a = (x, y) * hint + A, the hint itself is x = y = 1, A = 0: exactly
+    :func:`ocplanner._core.delta_pose_action`, gripper apart. The first three of its six numbers move the end effector
+    (x weighs them), the other three turn it (y).
+
+    Args:
+        plan: made at the same moment, (B, H, ...); without rotations the object keeps its own.
+        pose_object: present positions (B, 3) in m and rotations (B, 3, 3), world.
+        eef_positions: (B, 3) present positions of the end-effector site, world, metres.
+        rotations_world_action: (B, 3, 3), frame of the actions -> world.
+        horizon_steps: which planned steps, 1 for the next.
+        law: limits and scales; the core's own if not given.
+
+    Raises:
+        InvalidValueError: a step is beyond the plan, a number is not finite, or a matrix is no rotation.
+        ShapeError: wrong shape or dtype.
+    """
+    horizon = plan.position.shape[1]
+    for k in horizon_steps:
+        if not 1 <= k <= horizon:
+            raise InvalidValueError(f"horizon step {k} is outside the plan; choose from 1 to {horizon}")
+    position, rotation = pose_object
+    pose_eef = (eef_positions, rotation)  # the law does not ask how the hand is turned
+    parts = []
+    for k in horizon_steps:
+        target = (plan.position[:, k - 1], rotation if plan.rotation is None else plan.rotation[:, k - 1])
+        parts.append(_core.delta_pose_action((position, rotation), target, pose_eef, rotations_world_action, law))
+    return np.concatenate(parts, axis=1)
+
+
+def plan_rows(plan: Plan) -> np.ndarray:
+    """(B, H, 9) float64, or (B, H, 3) for positions only: position in m, then the rotation's first two columns."""
+    if plan.rotation is None:
+        return plan.position
+    return np.concatenate([plan.position, _core.rotation_to_6d(plan.rotation)], axis=2)

@@ -1,0 +1,79 @@
+"""From a data set with images to a copy with hints and rewards, one demonstration after the other."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
+from ocplanner.demos.writer import DatasetWriter
+from ocplanner.errors import InvalidValueError, OutputError
+from ocplanner.planner.planner import Planner
+from ocplanner.rewards.labels import Labeller, LabelSettings
+
+DEFAULT_LABELS = LabelSettings()
+
+
+def label_dataset(
+    source: str | Path,
+    target: str | Path,
+    planner: Planner | str | Path,
+    settings: LabelSettings = DEFAULT_LABELS,
+    *,
+    threads: int = 1,
+    limit: int | None = None,
+    overwrite: bool = False,
+    progress: Callable[[str, int], None] | None = None,
+) -> Path:
+    """Copy a data set and write what a planner makes of it into the copy (the paper's section 5).
+
+    Plans are made where the robot holds the object; elsewhere hints, plans and the plan's reward are zero. The copy
+    holds, for each demonstration of T steps:
+
+    - ``obs/ocp_hint`` (T, 6 K + 1) float32: for each of K ``horizon_steps`` the action that would take the object
+      there (see :func:`ocplanner.planner.hints.plan_hints`), then 1 where the object is held, else 0;
+    - ``obs/ocp_plan`` (T, H, 9 or 3) float32: planned positions in m, world, and the first two columns of rotations;
+    - ``rewards``, the recorded ones as ``rewards_sparse``, and the unweighted terms ``ocp_reward_position`` (m^2) and
+      ``ocp_reward_rotation``, (T,) float64 each;
+    - ``next_obs`` of what is new, where there is ``next_obs`` already or rewards are written; with rewards also of
+      every other observation that lacks it. The last one is repeated.
+
+    A run that was stopped, at whatever moment, goes on when called again with the same settings, and ends with the
+    same file. One demonstration is in memory at a time.
+
+    Args:
+        source: a robomimic data set with the images that the planner was trained on.
+        target: the file to make.
+        planner: the planner or its file.
+        settings: what is written.
+        threads: threads of the planner; the labels depend on it only by rounding.
+        limit: label the first so many demonstrations only.
+        overwrite: replace ``target`` if it is there.
+        progress: called with the name and the number of steps of each demonstration that is done; those of an earlier
+            run come first.
+
+    Raises:
+        DatasetError: the source lacks images, object poses, or what else the labels need, or is labelled already.
+        InvalidValueError: a number is out of range.
+        MismatchError: planner and source do not fit together.
+        OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
+        PlannerFileError: the planner cannot be read.
+    """
+    if threads < 1 or (limit is not None and limit < 1):
+        raise InvalidValueError(f"threads and limit must be at least 1, not {threads} and {limit}")
+    if Path(source).resolve() == Path(target).resolve():
+        raise OutputError(f"{target} is the source itself; choose another output")
+    planner = planner if isinstance(planner, Planner) else Planner.load(planner)
+    with Demonstrations(source) as demos, Labeller(planner, demos, settings, threads) as labeller:
+        names = demos.names[:limit]
+        attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
+        record = {**labeller.record(), "source": {"name": demos.path.name, "bytes": demos.path.stat().st_size}}
+        attrs[LABEL_ATTRIBUTE] = json.dumps(record, sort_keys=True)
+        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
+            done = set(writer.done)
+            for name in sorted(names, key=lambda name: name not in done):
+                if name not in done:
+                    writer.add_copy(demos[name], labeller.label(demos[name]))
+                if progress:
+                    progress(name, demos[name].length)
+            masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
+            return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
