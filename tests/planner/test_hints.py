@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ocplanner import _core
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.holding import held_steps
-from ocplanner.errors import InvalidValueError
+from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.planner.hints import plan_hints, plan_rows
 from ocplanner.planner.planner import Plan
 
@@ -46,6 +46,17 @@ def test_with_unit_weights_and_no_residual_it_is_the_cores_command(seed, steps):
             np.testing.assert_allclose(action, expected, rtol=0, atol=1e-12)
 
 
+@given(st.integers(0, 10_000))
+def test_from_the_plan_it_does_not_see_where_the_object_is(seed):
+    plan, here, eef, bases = scene(seed)
+    hints = plan_hints(plan, here, eef, bases, (1, 3), origin="plan")
+    moved = (here[0] + 0.3, here[1])
+    np.testing.assert_allclose(plan_hints(plan, moved, eef + 0.3, bases, (1, 3), origin="plan"), hints, atol=1e-9)
+    there = (plan.position[:, 0].copy(), plan.rotation[:, 0].copy())
+    carried = there[0] + np.einsum("bij,bkj,bk->bi", there[1], here[1], eef - here[0])
+    np.testing.assert_allclose(plan_hints(plan, there, carried, bases, (2, 4)), hints, atol=1e-9)
+
+
 def test_a_plan_of_positions_asks_for_no_turn():
     plan, here, eef, bases = scene(0, spread=0.01)
     hints = plan_hints(plan._replace(rotation=None), here, eef, bases)
@@ -58,6 +69,13 @@ def test_a_plan_of_positions_asks_for_no_turn():
 def test_steps_outside_the_plan_are_refused(step):
     with pytest.raises(InvalidValueError, match=f"horizon step {step} .* from 1 to 4"):
         plan_hints(*scene(0), (1, step))
+
+
+def test_from_the_plan_the_last_step_starts_nothing():
+    with pytest.raises(InvalidValueError, match=r"horizon step 4 .* from 1 to 3"):
+        plan_hints(*scene(0), (4,), origin="plan")
+    with pytest.raises(UnknownNameError, match="known: object, plan"):
+        plan_hints(*scene(0), origin="hand")
 
 
 def test_rows_are_position_and_two_columns():

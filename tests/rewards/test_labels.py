@@ -104,6 +104,17 @@ def test_every_form(path, demo, held, noise_planner, form):
     np.testing.assert_allclose(found["rewards"], expected[form], rtol=0, atol=1e-12)
 
 
+def test_hints_from_the_plan(path, demo, held, noise_planner):
+    hint = labels(path, noise_planner, LabelSettings(hint_from="plan", horizon_steps=(2,)))["obs/ocp_hint"]
+    plan = noise_planner.plan({"agentview": demo.images("agentview")})
+    rotations = demo.object_poses("SquareNut")[1]
+    for row in np.flatnonzero(held)[::7]:
+        first, third = ((plan.position[row, k], plan.rotation[row, k]) for k in (0, 2))
+        grip = first[1] @ rotations[row].T @ (demo.eef_positions[row] - demo.object_poses("SquareNut")[0][row])
+        command = _core.delta_pose_action(first, third, (first[0] + grip, np.eye(3)), np.eye(3))
+        np.testing.assert_allclose(hint[row, :6], command, rtol=0, atol=1e-5)
+
+
 def test_hints_alone_leave_rewards_alone(path, noise_planner):
     found = labels(path, noise_planner, LabelSettings())
     assert set(found) == {"obs/ocp_hint", "obs/ocp_plan"}
@@ -157,6 +168,8 @@ def test_images_that_were_not_drawn_are_refused(path, tmp_path, held, noise_plan
     ("settings", "error", "message"),
     [
         ({"hints": False}, InvalidValueError, "nothing to write"),
+        ({"hint_from": "hand"}, UnknownNameError, "known: object, plan"),
+        ({"hint_from": "plan", "horizon_steps": (6,)}, InvalidValueError, "step 6 .* from 1 to 5"),
         ({"reward": "dense"}, UnknownNameError, "known: augment, off, only"),
         ({"batch": 0}, InvalidValueError, "batch"),
         ({"horizon_steps": ()}, InvalidValueError, "horizon steps"),

@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
+from ocplanner.planner.hints import Origin
 from ocplanner.progress import counting_columns
 from ocplanner.rewards.config import Form
 from ocplanner.rewards.labels import RewardMode
@@ -30,6 +31,8 @@ class Label:
     """Write obs/ocp_hint and obs/ocp_plan."""
     horizon_step: tuple[int, ...] = (1,)
     """Planned steps that hints point to: 1 is the next, the paper's; several are stacked."""
+    hint_from: Origin = "object"
+    """Where hints start: at the object's real pose, or at the plan's first step."""
     reward: RewardMode = "off"
     """Add the plan's reward to the recorded one, put it in its place, or leave rewards alone."""
     form: Form = "penalty"
@@ -60,6 +63,7 @@ class Label:
         settings = LabelSettings(
             hints=self.hints,
             horizon_steps=self.horizon_step,
+            hint_from=self.hint_from,
             reward=self.reward,
             reward_config=RewardConfig(self.a, self.b, self.form, self.gamma, self.scale),
             batch=self.batch,

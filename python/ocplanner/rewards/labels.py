@@ -13,7 +13,7 @@ from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.holding import held_steps
 from ocplanner.errors import DatasetError, InvalidValueError, UnknownNameError
 from ocplanner.planner.fit import check_fit
-from ocplanner.planner.hints import HINT_WIDTH, plan_hints, plan_rows
+from ocplanner.planner.hints import HINT_WIDTH, ORIGINS, Origin, check_horizon_steps, plan_hints, plan_rows
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.rewards.config import RewardConfig
 from ocplanner.rewards.terms import plan_reward
@@ -32,6 +32,7 @@ class LabelSettings:
     Attributes:
         hints: write ``obs/ocp_hint`` and ``obs/ocp_plan``.
         horizon_steps: the planned steps that hints point to; 1, the paper's, is the next.
+        hint_from: where hints start: ``"object"``, its real pose, or ``"plan"``, the plan's first step.
         reward: ``"augment"`` adds the plan's reward to the recorded one, ``"only"`` puts it in its place, ``"off"``
             leaves rewards alone.
         reward_config: weights and form of the plan's reward.
@@ -39,11 +40,12 @@ class LabelSettings:
 
     Raises:
         InvalidValueError: nothing to write, or a number is out of range.
-        UnknownNameError: no such mode.
+        UnknownNameError: no such mode or origin.
     """
 
     hints: bool = True
     horizon_steps: tuple[int, ...] = (1,)
+    hint_from: Origin = "object"
     reward: RewardMode = "off"
     reward_config: RewardConfig = field(default_factory=RewardConfig)
     batch: int = 64
@@ -51,6 +53,8 @@ class LabelSettings:
     def __post_init__(self) -> None:
         if self.reward not in REWARD_MODES:
             raise UnknownNameError("reward mode", self.reward, REWARD_MODES)
+        if self.hint_from not in ORIGINS:
+            raise UnknownNameError("origin of hints", self.hint_from, ORIGINS)
         if not self.hints and self.reward == "off":
             raise InvalidValueError("neither hints nor rewards: nothing to write; choose --reward augment or only")
         if not self.horizon_steps or len(set(self.horizon_steps)) != len(self.horizon_steps):
@@ -79,9 +83,7 @@ class Labeller:
             raise DatasetError(f"{demos.path} is labelled already; label the data set that it was made from")
         check_fit(planner, demos)
         horizon = int(planner.config["horizon"])
-        beyond = [k for k in settings.horizon_steps if not 1 <= k <= horizon]
-        if beyond:
-            raise InvalidValueError(f"horizon step {beyond[0]} is outside the plan; choose from 1 to {horizon}")
+        check_horizon_steps(settings.horizon_steps, horizon, settings.hint_from)
         self._planner, self._settings, self._threads = planner, settings, threads
         self._object = str(planner.config["object"])
         self._steps = horizon if settings.hints else 1
@@ -167,7 +169,9 @@ class Labeller:
         hint = np.zeros((len(held), HINT_WIDTH * len(steps) + 1), np.float32)
         bases = frame.rotations_world(demo, rows)
         here = (poses[0][rows], poses[1][rows])
-        hint[rows, :-1] = plan_hints(plan, here, demo.eef_positions[rows], bases, steps, _law(frame.scale))
+        hint[rows, :-1] = plan_hints(
+            plan, here, demo.eef_positions[rows], bases, steps, _law(frame.scale), self._settings.hint_from
+        )
         hint[:, -1] = held
         planned = plan_rows(plan)
         whole = np.zeros((len(held), *planned.shape[1:]), np.float32)
