@@ -1,6 +1,8 @@
 import json
+import shutil
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 import torch
@@ -88,6 +90,27 @@ def test_a_killed_training_continues_to_the_same_weights(
         [(row["step"], row["loss"], row["valid_loss"]) for row in RunFolder(p.parent).rows()] for p in (whole, resumed)
     ]
     assert losses[0] == losses[1]
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+def test_a_hint_that_is_the_action_is_learned_from(tiny_square, tmp_path, small, algorithm):
+    """Recorded actions as hints 1 step ahead, noise as hints 5 ahead: weights that use the one lower the loss."""
+    data = tmp_path / "labelled.hdf5"
+    shutil.copy(tiny_square(), data)
+    rng = np.random.default_rng(0)
+    with h5py.File(data, "a") as file:
+        for demo in file["data"].values():
+            actions = rng.uniform(-1, 1, demo["actions"].shape)  # nothing that is seen predicts them but the hint
+            demo["actions"][:] = actions
+            parts = [actions[:, :6], rng.normal(size=(len(actions), 6)), np.ones((len(actions), 1))]
+            demo["obs/ocp_hint"] = np.concatenate(parts, axis=1).astype(np.float32)
+    losses = {}
+    for hint in (None, (1, 5)):
+        settings = {"steps": 400, "validate_every": 400, "save_every": 400, "learning_rate": 5e-3}
+        run = tmp_path / f"run_{hint is not None}"
+        train_policy(small(algorithm, hint, **settings), data, run)
+        losses[hint] = RunFolder(run).rows()[-1]["valid_loss"]
+    assert losses[(1, 5)] < losses[None] - 3
 
 
 def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch, small):

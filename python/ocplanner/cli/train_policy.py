@@ -1,5 +1,6 @@
 """The verb ``train-policy``."""
 
+import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -87,7 +88,8 @@ class TrainPolicy:
         from ocplanner.policies.train import train_policy
 
         policy = train_policy(self.configuration(), self.data, self.run_folder, self.processes)
-        sys.stdout.write(f"{policy}\n")
+        if os.environ.get("RANK", "0") == "0":  # torchrun runs this in every process
+            sys.stdout.write(f"{policy}\n")
 
 
 COMMAND = TrainPolicy
