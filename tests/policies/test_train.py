@@ -8,7 +8,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ocplanner.errors import OutputError, TrainingError
+from ocplanner.demos.dataset import LABEL_ATTRIBUTE
+from ocplanner.errors import MismatchError, OutputError, TrainingError
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies import train
@@ -111,6 +112,23 @@ def test_a_hint_that_is_the_action_is_learned_from(tiny_square, tmp_path, small,
         train_policy(small(algorithm, hint, **settings), data, run)
         losses[hint] = RunFolder(run).rows()[-1]["valid_loss"]
     assert losses[(1, 5)] < losses[None] - 3
+
+
+def test_the_labels_travel_with_the_policy_and_must_fit_it(tiny_square, tmp_path, small):
+    data = tmp_path / "labelled.hdf5"
+    shutil.copy(tiny_square(), data)
+    labels = {"planner_sha256": "ab12", "settings": {"horizon_steps": [5], "hint_from": "object"}}
+    with h5py.File(data, "a") as file:
+        file["data"].attrs[LABEL_ATTRIBUTE] = json.dumps(labels)
+        for demo in file["data"].values():
+            demo["obs/ocp_hint"] = np.zeros((len(demo["actions"]), 7), dtype=np.float32)
+    with pytest.raises(
+        MismatchError, match=r"hints \(5,\) steps ahead, the policy reads \(1,\); give --hint-horizons 5"
+    ):
+        train_policy(small(hint=(1,)), data, tmp_path / "run")
+    hinted = Policy.load(train_policy(small(hint=(5,)), data, tmp_path / "hinted"))
+    assert hinted.config["labels"] == labels
+    assert Policy.load(train_policy(small(), data, tmp_path / "plain")).config["labels"] is None
 
 
 def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch, small):

@@ -18,7 +18,7 @@ from lightning_fabric import Fabric
 from torch.multiprocessing.spawn import ProcessRaisedException
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.errors import InvalidValueError, OcplannerError, TrainingError
+from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.optimisation import BatchOrder, Optimisation
 from ocplanner.planner.progress import Progress
@@ -58,6 +58,7 @@ def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int =
 
     Raises:
         DatasetError: the data set is damaged or lacks an observation.
+        MismatchError: it was labelled with hints of other horizons.
         TrainingError: a loss is not finite, a process died, or the run folder belongs to another training.
         InvalidValueError: the batch cannot be shared out evenly, or the device cannot be used.
         OutputError: the folder cannot be written, or another process trains in it.
@@ -121,8 +122,10 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
 
     Raises:
         DatasetError: the data set is damaged, has no such mask, or lacks an observation.
+        MismatchError: it was labelled with hints of other horizons.
     """
     with Demonstrations(data) as demos:
+        _check_horizons(demos, config)
         names = list(demos.names) if config.mask is None else demos.mask(config.mask)
         train = load_samples(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
@@ -133,10 +136,24 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             "robots": list(demos.robots),
             "object_layout": demos[names[0]].object_layout(),
             "render": demos.render_settings,
+            "labels": None if config.network.hint is None else demos.label_settings,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],
         }
         return Recorded(train, valid, about)
+
+
+def _check_horizons(demos: Demonstrations, config: PolicyTraining) -> None:
+    hint, labels = config.network.hint, demos.label_settings
+    if hint is None or labels is None:
+        return
+    labelled = tuple(labels["settings"]["horizon_steps"])
+    if labelled != hint.horizons:
+        flags = " ".join(str(step) for step in labelled)
+        raise MismatchError(
+            f"{demos.path} is labelled with hints {labelled} steps ahead, the policy reads {hint.horizons}; "
+            f"give --hint-horizons {flags}, or label the data set again"
+        )
 
 
 def rate(config: PolicyTraining, step: int) -> float:
