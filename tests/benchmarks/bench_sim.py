@@ -48,15 +48,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=400, help="control steps to measure per case and side")
     parser.add_argument("--output", type=Path, default=_OUTPUT)
     options = parser.parse_args()
-    rows = {case: CASES[case](options.steps).row(case) for case in options.cases}
+    source = {"machine": _machine(), "command": f"python tests/benchmarks/bench_sim.py --steps {options.steps}"}
+    rows = {case: {**CASES[case](options.steps).row(case), **source} for case in options.cases}
     earlier = json.loads(options.output.read_text())["rows"] if options.output.exists() else []
     merged = {row["case"]: row for row in earlier} | rows
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    result = {
-        "machine": _machine(),
-        "command": f"python tests/benchmarks/bench_sim.py --steps {options.steps}",
-        "rows": list(merged.values()),
-    }
+    result = {**source, "rows": list(merged.values())}
     options.output.write_text(json.dumps(result, indent=1) + "\n")
     if options.output == _OUTPUT:
         _PAGE.write_text(replace_tables(_PAGE.read_text(), {"BENCH": table(result["rows"])}, _PAGE))

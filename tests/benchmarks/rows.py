@@ -48,10 +48,15 @@ def row(case: str, unit: str, measured: Measured) -> Row:
 
 
 def write(path: Path, rows: dict[str, Row], command: str, versions: dict[str, str]) -> list[Row]:
-    """Write the rows beside those that the file holds of other cases; returns all."""
+    """Write the rows beside those that the file holds of other cases; returns all.
+
+    Every row names the machine, the command and the versions that it was measured with: others may stay from earlier.
+    """
+    source = {"machine": _machine(), "command": command, "versions": versions}
+    rows = {case: {**measured, **source} for case, measured in rows.items()}
     earlier = json.loads(path.read_text())["rows"] if path.exists() else []
     merged = list(({known["case"]: known for known in earlier} | rows).values())
-    result = {"machine": _machine(), "command": command, "versions": versions, "rows": merged}
+    result = {**source, "rows": merged}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(result, indent=1) + "\n")
     return merged

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ocplanner.errors import MismatchError, WorkerError
+from ocplanner.errors import InvalidValueError, MismatchError, WorkerError
 from ocplanner.evaluation.rollouts import run_episodes
 
 
@@ -44,6 +44,12 @@ def test_a_crashed_worker_is_replaced_and_its_episode_redone(tmp_path):
     results = dict(run_episodes(make, partial(dies_once, tmp_path), range(4), 2))
     assert results == {seed: 7 * seed for seed in range(4)}
     assert (tmp_path / "died").exists()
+
+
+@pytest.mark.parametrize("workers", [0, -3])
+def test_there_must_be_a_worker(workers):
+    with pytest.raises(InvalidValueError, match=f"workers is {workers}"):
+        list(run_episodes(make, episode, [0], workers))
 
 
 def test_an_episode_that_always_kills_is_given_up():

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from ocplanner.errors import WorkerError
+from ocplanner.errors import InvalidValueError, WorkerError
 from ocplanner.evaluation.crew import Crew, close_context
 from ocplanner.evaluation.process_crew import ProcessCrew
 from ocplanner.evaluation.ray_crew import RayCrew
@@ -42,6 +42,7 @@ def run_episodes(
         (seed, result).
 
     Raises:
+        InvalidValueError: ``workers`` is not positive.
         WorkerError: an episode killed its worker three times.
         ClusterError: there is no Ray cluster, or its workers cannot start.
         VersionError: Ray is not installed.
@@ -49,8 +50,10 @@ def run_episodes(
     """
     if not seeds:
         return
+    if workers < 1:
+        raise InvalidValueError(f"workers is {workers}, but must be at least 1")
     if ray is not None:
-        yield from _deal(RayCrew(make, episode, max(1, min(workers, len(seeds))), ray), seeds)
+        yield from _deal(RayCrew(make, episode, min(workers, len(seeds)), ray), seeds)
     elif workers > 1:
         yield from _deal(ProcessCrew(make, episode, min(workers, len(seeds))), seeds)
     else:
