@@ -7,7 +7,7 @@ import pytest
 import ocplanner as ocp
 from ocplanner.cli import main
 from ocplanner.envs import make_env
-from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError
 from ocplanner.planner.planner import Planner
 from ocplanner.report.video import read_video
 from ocplanner.transfer import loop
@@ -103,6 +103,10 @@ def test_a_stopped_transfer_goes_on_and_films(planner, tmp_path):
     assert seen == [10000, 10001, 10002]
     assert json.loads(out.read_text())["episodes"] == 3
     assert not out.with_name("transfer.json.journal").exists()
+    kept = out.read_bytes()
+    with pytest.raises(OutputError, match=r"transfer\.json exists already.*--overwrite"):
+        ocp.transfer(planner, **options)
+    assert out.read_bytes() == kept
     straight = ocp.transfer(planner, "Panda", episodes=3, settings=HASTY)
     assert result.runs == straight.runs
     assert result.failures == {"missed grasp": 3}

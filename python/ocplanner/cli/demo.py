@@ -75,10 +75,15 @@ class Demo:
         console.rule(f"5/6 zero-shot on {self.robot}")
         result = self.out / f"{self.robot.lower()}.json"
         videos = min(3, self.episodes)
-        transfer = Transfer(
-            planner=planner, robot=self.robot, episodes=self.episodes, workers=self.workers, videos=videos, out=result
-        )
-        transfer.run()
+        Transfer(
+            planner=planner,
+            robot=self.robot,
+            episodes=self.episodes,
+            workers=self.workers,
+            videos=videos,
+            out=result,
+            overwrite=True,
+        ).run()
 
         console.rule("6/6 report")
         Report(paths=(self.out,), out=self.out / "report.html", data=images).run()

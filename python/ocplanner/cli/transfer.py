@@ -51,6 +51,8 @@ class Transfer:
     """Record so many of the first episodes as mp4."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Result file. Default: results/transfer/TASK_ROBOT_FOLLOW_OBSERVE_SEED.json."""
+    overwrite: bool = False
+    """Replace the result file if it is there."""
 
     def run(self) -> None:
         """Transfer with a progress bar."""
@@ -89,6 +91,7 @@ class Transfer:
                 workers=self.workers,
                 ray=self.ray,
                 out=out,
+                overwrite=self.overwrite,
                 videos=self.videos,
                 on_episode=count,
             )

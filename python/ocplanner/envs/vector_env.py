@@ -200,8 +200,8 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
                 raise value
             return value[-len(share) :]
         raise WorkerError(
-            f"a worker of {self.num_envs} environments died {_TRIES} times over the same call; if it never came up, put "
-            "what your script does under 'if __name__ == \"__main__\":', since workers import the script anew"
+            f"a worker of {self.num_envs} environments died {_TRIES} times over the same call; if it never came up, "
+            "put what your script does under 'if __name__ == \"__main__\":', since workers import the script anew"
         )
 
     def _history(self, number: int) -> list[Order]:

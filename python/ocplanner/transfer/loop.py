@@ -11,7 +11,7 @@ from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
 from ocplanner.envs.visuals import visual_preset
-from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
 from ocplanner.storage import locked
@@ -118,6 +118,7 @@ def transfer(
     workers: int = 1,
     ray: str | None = None,
     out: str | Path | None = None,
+    overwrite: bool = False,
     videos: int = 0,
     command: str | None = None,
     on_episode: Callable[[Run], None] | None = None,
@@ -141,6 +142,7 @@ def transfer(
         workers: processes; the result does not depend on it.
         ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         out: result file; with it, a transfer that was stopped goes on where it was.
+        overwrite: replace ``out`` if it is there.
         videos: record so many of the first episodes beside the result file; those that an earlier run has done
             without recording them are run again.
         command: what remakes the result; the running command if not given.
@@ -149,7 +151,7 @@ def transfer(
     Raises:
         UnknownNameError: a robot, follow mode, visual preset, control loop or patch that does not exist.
         MismatchError: the planner was made for another task, observation or visual preset.
-        OutputError: ``out`` cannot be written, or holds episodes of another transfer.
+        OutputError: ``out`` cannot be written, or holds episodes of another transfer, or exists and is not to be replaced.
         ClusterError: there is no Ray cluster at the address.
     """
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
@@ -172,6 +174,9 @@ def transfer(
         runs = _play(scenario, seeds, workers, ray, None, on_episode)
     else:
         out = Path(out)
+        if out.is_dir() or (out.exists() and not overwrite):
+            remedy = "name a file" if out.is_dir() else "choose another file, or overwrite it (--overwrite)"
+            raise OutputError(f"{out} exists already; {remedy}")
         scenario = replace(scenario, videos=out.with_suffix("").absolute(), filmed=tuple(seeds[:videos]))
         with locked(out):
             journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
