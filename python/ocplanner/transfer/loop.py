@@ -151,7 +151,7 @@ def transfer(
     Raises:
         UnknownNameError: a robot, follow mode, visual preset, control loop or patch that does not exist.
         MismatchError: the planner was made for another task, observation or visual preset.
-        OutputError: ``out`` cannot be written, or holds episodes of another transfer, or exists and is not to be replaced.
+        OutputError: ``out`` cannot be written, is there already, or holds episodes of another transfer.
         ClusterError: there is no Ray cluster at the address.
     """
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
