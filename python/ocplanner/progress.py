@@ -1,8 +1,13 @@
-"""The columns of a progress bar that counts towards a known total."""
+"""Progress bars that count towards a known total."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
+    Progress,
     ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -26,3 +31,19 @@ def counting_columns(unit: str = "") -> tuple[ProgressColumn, ...]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
+
+
+@contextmanager
+def demonstrations_bar(doing: str, total: int, console: Console) -> Iterator[Callable[[str, int], None]]:
+    """A bar over demonstrations with steps a second; yields what is called with the name and the steps of each."""
+    with Progress(*counting_columns("demonstrations, {task.fields[rate]} steps/s"), console=console) as bar:
+        line = bar.add_task(doing, total=total, rate="-")
+        steps = 0
+
+        def advance(_: str, length: int) -> None:
+            nonlocal steps
+            steps += length
+            elapsed = bar.tasks[line].elapsed or 0.0
+            bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
+
+        yield advance

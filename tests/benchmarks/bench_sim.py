@@ -7,13 +7,12 @@ in ``docs/simulation.md`` is rewritten.
 
 import argparse
 import json
-import os
-import platform
 from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
 from camera_cases import two_cameras, two_cameras_masked
+from machine import machine_and_load
 from sim_measured import SimMeasured, table
 from state_cases import state_only
 from transfer_cases import two_workers, whole_episode
@@ -35,12 +34,6 @@ CASES: dict[str, Callable[[int], SimMeasured]] = {
 }
 
 
-def _machine() -> str:
-    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    name = names[0].partition(":")[2].strip() if names else platform.processor()
-    return f"{name}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, mujoco {mujoco.__version__}"
-
-
 def main() -> None:
     """Measure the cases asked for and write them beside the others."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -48,7 +41,10 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=400, help="control steps to measure per case and side")
     parser.add_argument("--output", type=Path, default=_OUTPUT)
     options = parser.parse_args()
-    source = {"machine": _machine(), "command": f"python tests/benchmarks/bench_sim.py --steps {options.steps}"}
+    source = {
+        "machine": f"{machine_and_load()}, mujoco {mujoco.__version__}",
+        "command": f"python tests/benchmarks/bench_sim.py --steps {options.steps}",
+    }
     rows = {case: {**CASES[case](options.steps).row(case), **source} for case in options.cases}
     earlier = json.loads(options.output.read_text())["rows"] if options.output.exists() else []
     merged = {row["case"]: row for row in earlier} | rows

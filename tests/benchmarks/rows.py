@@ -1,12 +1,11 @@
 """Benchmark rows as a JSON file, as a Markdown table and as a bar chart."""
 
 import json
-import os
-import platform
 from pathlib import Path
 from typing import Any
 
 from cases import Measured
+from machine import machine_and_load
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -52,7 +51,7 @@ def write(path: Path, rows: dict[str, Row], command: str, versions: dict[str, st
 
     Every row names the machine, the command and the versions that it was measured with: others may stay from earlier.
     """
-    source = {"machine": _machine(), "command": command, "versions": versions}
+    source = {"machine": machine_and_load(), "command": command, "versions": versions}
     rows = {case: {**measured, **source} for case, measured in rows.items()}
     earlier = json.loads(path.read_text())["rows"] if path.exists() else []
     merged = list(({known["case"]: known for known in earlier} | rows).values())
@@ -126,9 +125,3 @@ def chart(rows: list[Row], path: Path) -> None:
 def _rounded(value: float) -> float:
     """Three significant digits."""
     return float(f"{value:.3g}")
-
-
-def _machine() -> str:
-    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    name = names[0].partition(":")[2].strip() if names else platform.processor()
-    return f"{name}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"

@@ -16,7 +16,6 @@ import gc
 import json
 import multiprocessing.resource_tracker
 import os
-import platform
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine import machine
 
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.rendering import open_renderers
@@ -122,12 +122,6 @@ def _thinned(samples: Sequence[Sample]) -> dict[str, list[int]]:
     return {key: [sample[key] for sample in kept] for key in kept[0] if key != "pid"}
 
 
-def _machine() -> str:
-    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    name = names[0].partition(":")[2].strip() if names else platform.processor()
-    return f"{name}, {os.cpu_count()} cores"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=2000)
@@ -138,7 +132,7 @@ def main() -> None:
     found = soak(options.episodes, options.steps, options.remake)
     flags = f"--episodes {options.episodes} --steps {options.steps} --remake {options.remake}"
     result = {
-        "machine": _machine(),
+        "machine": machine(),
         "command": f"python tests/benchmarks/soak.py {flags}",
         "versions": installed(),
         **found,

@@ -6,10 +6,9 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress
 
 from ocplanner.planner.hints import Origin
-from ocplanner.progress import counting_columns
+from ocplanner.progress import demonstrations_bar
 from ocplanner.rewards.config import Form
 from ocplanner.rewards.labels import RewardMode
 
@@ -72,17 +71,7 @@ class Label:
         with Demonstrations(self.source) as demos:
             total = len(demos.names[: self.limit])
         console = Console(stderr=True)
-        columns = counting_columns("demonstrations, {task.fields[rate]} steps/s")
-        with Progress(*columns, console=console) as bar:
-            line = bar.add_task("labelling", total=total, rate="-")
-            steps = 0
-
-            def advance(_: str, length: int) -> None:
-                nonlocal steps
-                steps += length
-                elapsed = bar.tasks[line].elapsed or 0.0
-                bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
-
+        with demonstrations_bar("labelling", total, console) as advance:
             path = label_dataset(
                 self.source,
                 self.target,

@@ -6,13 +6,12 @@ from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.frames import RenderSettings
 from ocplanner.demos.render import render_dataset
 from ocplanner.envs.observation import Observe
-from ocplanner.progress import counting_columns
+from ocplanner.progress import demonstrations_bar
 
 
 @dataclass(frozen=True)
@@ -66,17 +65,7 @@ class Render:
         with Demonstrations(self.source) as demos:
             total = len(demos.names[: self.limit])
         console = Console(stderr=True)
-        columns = counting_columns("demonstrations, {task.fields[rate]} steps/s")
-        with Progress(*columns, console=console) as bar:
-            line = bar.add_task("rendering", total=total, rate="-")
-            steps = 0
-
-            def advance(_: str, length: int) -> None:
-                nonlocal steps
-                steps += length
-                elapsed = bar.tasks[line].elapsed or 0.0
-                bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
-
+        with demonstrations_bar("rendering", total, console) as advance:
             path = render_dataset(
                 self.source,
                 self.target,

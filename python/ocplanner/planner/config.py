@@ -7,25 +7,15 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-from ocplanner.errors import InvalidValueError, UnknownNameError
+from ocplanner.settings import build, require, require_choice
 
 Outputs = Literal["pose", "position"]
 Observe = Literal["full", "masked", "no-robot"]
 EncoderType = Literal["small", "resnet18"]
 Pool = Literal["spatial_softmax", "flatten"]
 Preset = Literal["cpu", "robomimic"]
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise InvalidValueError(message)
-
-
-def _require_choice(kind: str, value: str, alias: Any) -> None:
-    if value not in get_args(alias):
-        raise UnknownNameError(kind, value, get_args(alias))
 
 
 @dataclass(frozen=True)
@@ -45,14 +35,14 @@ class EncoderConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("encoder type", self.type, EncoderType)
-        _require_choice("pool", self.pool, Pool)
-        _require(
+        require_choice("encoder type", self.type, EncoderType)
+        require_choice("pool", self.pool, Pool)
+        require(
             len(self.channels) > 0 and min(self.channels) > 0,
             f"encoder channels {self.channels}: give positive numbers",
         )
-        _require(min(self.keypoints, self.feature) > 0, "encoder keypoints and feature must be positive")
-        _require(self.temperature > 0, f"spatial softmax temperature {self.temperature} must be positive")
+        require(min(self.keypoints, self.feature) > 0, "encoder keypoints and feature must be positive")
+        require(self.temperature > 0, f"spatial softmax temperature {self.temperature} must be positive")
 
 
 @dataclass(frozen=True)
@@ -75,15 +65,15 @@ class NetworkConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("outputs", self.outputs, Outputs)
-        _require(self.horizon >= 1, f"horizon {self.horizon} must be at least 1 step")
-        _require(
+        require_choice("outputs", self.outputs, Outputs)
+        require(self.horizon >= 1, f"horizon {self.horizon} must be at least 1 step")
+        require(
             self.image_size <= 1024, f"image_size {self.image_size}: the engine reads images of 1024 pixels at most"
         )
-        _require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
-        _require(self.modes >= 1, f"modes {self.modes} must be at least 1")
+        require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
+        require(self.modes >= 1, f"modes {self.modes} must be at least 1")
         widths = (self.latent, self.trajectory_hidden, self.decoder_hidden, *self.predictor_hidden)
-        _require(min(widths) > 0, "latent and hidden sizes must be positive")
+        require(min(widths) > 0, "latent and hidden sizes must be positive")
 
     @property
     def step_size(self) -> int:
@@ -108,9 +98,9 @@ class LossConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("latent loss", self.latent, Literal["l2", "kl"])
+        require_choice("latent loss", self.latent, Literal["l2", "kl"])
         numbers = (self.position, self.rotation, self.kl, self.other_modes)
-        _require(min(numbers) >= 0, "loss weights must not be negative")
+        require(min(numbers) >= 0, "loss weights must not be negative")
 
 
 @dataclass(frozen=True)
@@ -127,10 +117,10 @@ class StageConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require(self.steps >= 0 and self.batch >= 1, f"steps {self.steps} and batch {self.batch} must be positive")
-        _require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
-        _require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
-        _require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
+        require(self.steps >= 0 and self.batch >= 1, f"steps {self.steps} and batch {self.batch} must be positive")
+        require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
+        require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
+        require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
 
 
 @dataclass(frozen=True)
@@ -156,11 +146,11 @@ class AugmentationConfig:
     def __post_init__(self) -> None:
         """Check the numbers."""
         chances = (self.swap, self.union, self.stray, self.blob)
-        _require(min(chances) >= 0 and max(chances) <= 1, "augmentation probabilities must lie in [0, 1]")
-        _require(self.swap + self.union <= 1, "swap and union exclude each other: together at most 1")
-        _require(min(self.crop_shift, self.mask_error) >= 0, "crop_shift and mask_error must not be negative")
+        require(min(chances) >= 0 and max(chances) <= 1, "augmentation probabilities must lie in [0, 1]")
+        require(self.swap + self.union <= 1, "swap and union exclude each other: together at most 1")
+        require(min(self.crop_shift, self.mask_error) >= 0, "crop_shift and mask_error must not be negative")
         colours = (self.brightness, self.contrast, self.channel_gain)
-        _require(min(colours) >= 0 and max(colours) < 1, "colour changes must lie in [0, 1)")
+        require(min(colours) >= 0 and max(colours) < 1, "colour changes must lie in [0, 1)")
 
 
 @dataclass(frozen=True)
@@ -189,22 +179,22 @@ class PlannerTraining:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("preset", self.preset, Preset)
-        _require_choice("observe", self.observe, Observe)
-        _require_choice("keep", self.keep, Literal["better", "predictor", "finetune"])
-        _require(
+        require_choice("preset", self.preset, Preset)
+        require_choice("observe", self.observe, Observe)
+        require_choice("keep", self.keep, Literal["better", "predictor", "finetune"])
+        require(
             len(self.cameras) > 0 and len(set(self.cameras)) == len(self.cameras), "name each camera once, at least one"
         )
-        _require(
+        require(
             min(self.validate_every, self.checkpoint_every, self.threads) >= 1,
             "intervals and threads must be at least 1",
         )
-        _require(self.seed >= 0, f"seed {self.seed} must not be negative")
-        _require(min(self.vae.steps, self.predictor.steps) >= 1, "the VAE and the predictor need at least 1 step")
+        require(self.seed >= 0, f"seed {self.seed} must not be negative")
+        require(min(self.vae.steps, self.predictor.steps) >= 1, "the VAE and the predictor need at least 1 step")
         unused = self.keep == "finetune" and self.finetune.steps == 0
-        _require(not unused, "keep=finetune needs finetune steps")
+        require(not unused, "keep=finetune needs finetune steps")
         margin = (self.network.image_size - self.network.crop) // 2
-        _require(
+        require(
             self.augmentation.crop_shift <= margin,
             f"crop_shift {self.augmentation.crop_shift} exceeds the margin of {margin} pixels around the centre crop",
         )
@@ -216,7 +206,7 @@ def preset(name: str) -> PlannerTraining:
     Raises:
         UnknownNameError: for any other name.
     """
-    _require_choice("preset", name, Preset)
+    require_choice("preset", name, Preset)
     if name == "cpu":
         return PlannerTraining()
     resnet = EncoderConfig(type="resnet18", pool="spatial_softmax", keypoints=32, feature=64)
@@ -246,18 +236,9 @@ def training_from_dict(values: Mapping[str, Any]) -> PlannerTraining:
     network = dict(values.pop("network", {}))
     encoder = dict(network.pop("encoder", {}))
     parts: dict[str, Any] = {
-        "network": _build(NetworkConfig, network | {"encoder": _build(EncoderConfig, encoder)}),
-        "loss": _build(LossConfig, values.pop("loss", {})),
-        "augmentation": _build(AugmentationConfig, values.pop("augmentation", {})),
+        "network": build(NetworkConfig, network | {"encoder": build(EncoderConfig, encoder)}),
+        "loss": build(LossConfig, values.pop("loss", {})),
+        "augmentation": build(AugmentationConfig, values.pop("augmentation", {})),
     }
-    parts |= {
-        name: _build(StageConfig, values.pop(name)) for name in ("vae", "predictor", "finetune") if name in values
-    }
-    return _build(PlannerTraining, values | parts)
-
-
-def _build(kind: Any, values: Mapping[str, Any]) -> Any:
-    names = {entry.name for entry in dataclasses.fields(kind)}
-    unknown = sorted(set(values) - names)
-    _require(not unknown, f"unknown {kind.__name__} keys {unknown}; known: {sorted(names)}")
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+    parts |= {name: build(StageConfig, values.pop(name)) for name in ("vae", "predictor", "finetune") if name in values}
+    return build(PlannerTraining, values | parts)

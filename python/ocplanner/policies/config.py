@@ -3,13 +3,12 @@
 A run folder's ``config.yaml`` is one :class:`PolicyTraining`; the same travels in the policy file.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.planner.config import EncoderConfig
+from ocplanner.settings import build, require, require_choice
 
 Algorithm = Literal["bc", "bc-rnn"]
 ObservationKind = Literal["state", "image"]
@@ -19,16 +18,6 @@ Schedule = Literal["constant", "cosine"]
 
 PROPRIOCEPTION = ("robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos")
 CAMERAS = ("agentview", "robot0_eye_in_hand")
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise InvalidValueError(message)
-
-
-def _require_choice(kind: str, value: str, alias: Any) -> None:
-    if value not in get_args(alias):
-        raise UnknownNameError(kind, value, get_args(alias))
 
 
 @dataclass(frozen=True)
@@ -46,9 +35,9 @@ class GmmConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("standard deviation activation", self.std_activation, StdActivation)
-        _require(self.modes >= 1, f"modes {self.modes} must be at least 1")
-        _require(self.min_std > 0, f"min_std {self.min_std} must be positive")
+        require_choice("standard deviation activation", self.std_activation, StdActivation)
+        require(self.modes >= 1, f"modes {self.modes} must be at least 1")
+        require(self.min_std > 0, f"min_std {self.min_std} must be positive")
 
 
 @dataclass(frozen=True)
@@ -62,8 +51,8 @@ class HintConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
-        _require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
+        require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
+        require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
 
     @property
     def width(self) -> int:
@@ -89,9 +78,9 @@ class ObservationConfig:
     def __post_init__(self) -> None:
         """Check the numbers."""
         named = (*self.low_dim, *self.cameras)
-        _require(len(named) > 0, "name at least one observation")
-        _require(len(set(named)) == len(named), f"observations {named}: name each once")
-        _require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
+        require(len(named) > 0, "name at least one observation")
+        require(len(set(named)) == len(named), f"observations {named}: name each once")
+        require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
 
 
 @dataclass(frozen=True)
@@ -110,7 +99,7 @@ class NetworkConfig:
     def __post_init__(self) -> None:
         """Check the numbers."""
         widths = (*self.hidden, self.lstm_hidden, self.lstm_layers, self.sequence)
-        _require(min(widths) >= 1, "layer widths, LSTM layers and sequence must be at least 1")
+        require(min(widths) >= 1, "layer widths, LSTM layers and sequence must be at least 1")
 
 
 @dataclass(frozen=True)
@@ -145,16 +134,16 @@ class PolicyTraining:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_choice("algorithm", self.algorithm, Algorithm)
-        _require_choice("preset", self.preset, Preset)
-        _require_choice("schedule", self.schedule, Schedule)
+        require_choice("algorithm", self.algorithm, Algorithm)
+        require_choice("preset", self.preset, Preset)
+        require_choice("schedule", self.schedule, Schedule)
         intervals = (self.save_every, self.validate_every, self.checkpoint_every)
-        _require(min(self.steps, self.batch, self.threads, *intervals) >= 1, "steps, batch, intervals: at least 1")
-        _require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
-        _require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
-        _require(self.clip is None or self.clip > 0, f"clip {self.clip} must be positive, or None")
-        _require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
-        _require(self.seed >= 0, f"seed {self.seed} must not be negative")
+        require(min(self.steps, self.batch, self.threads, *intervals) >= 1, "steps, batch, intervals: at least 1")
+        require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
+        require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
+        require(self.clip is None or self.clip > 0, f"clip {self.clip} must be positive, or None")
+        require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
+        require(self.seed >= 0, f"seed {self.seed} must not be negative")
 
 
 def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "state") -> PolicyTraining:
@@ -168,9 +157,9 @@ def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "stat
     Raises:
         UnknownNameError: for any other name.
     """
-    _require_choice("preset", name, Preset)
-    _require_choice("algorithm", algorithm, Algorithm)
-    _require_choice("observation", kind, ObservationKind)
+    require_choice("preset", name, Preset)
+    require_choice("algorithm", algorithm, Algorithm)
+    require_choice("observation", kind, ObservationKind)
     return _robomimic(algorithm, kind) if name == "robomimic" else _cpu(algorithm, kind)
 
 
@@ -218,23 +207,16 @@ def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
     observation, network = dict(values.pop("observation", {})), dict(values.pop("network", {}))
     hint = network.pop("hint", None)
     parts = {
-        "observation": _build(
-            ObservationConfig, observation | {"encoder": _build(EncoderConfig, observation.pop("encoder", {}))}
+        "observation": build(
+            ObservationConfig, observation | {"encoder": build(EncoderConfig, observation.pop("encoder", {}))}
         ),
-        "network": _build(
+        "network": build(
             NetworkConfig,
             network
             | {
-                "gmm": _build(GmmConfig, network.pop("gmm", {})),
-                "hint": None if hint is None else _build(HintConfig, hint),
+                "gmm": build(GmmConfig, network.pop("gmm", {})),
+                "hint": None if hint is None else build(HintConfig, hint),
             },
         ),
     }
-    return _build(PolicyTraining, values | parts)
-
-
-def _build(kind: Any, values: Mapping[str, Any]) -> Any:
-    names = {entry.name for entry in dataclasses.fields(kind)}
-    unknown = sorted(set(values) - names)
-    _require(not unknown, f"unknown {kind.__name__} keys {unknown}; known: {sorted(names)}")
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+    return build(PolicyTraining, values | parts)

@@ -192,12 +192,6 @@ impl Conv {
         Ok(Self { level, window, panels, gather, input, output, relu, winograd: Default::default() })
     }
 
-    /// Shape of an input image.
-    #[must_use]
-    pub fn input_plane(&self) -> Plane {
-        self.input
-    }
-
     /// Runs over a batch of images; with `accumulate` the output already holds the residual.
     pub fn run(
         &self,
