@@ -93,11 +93,12 @@ def _tiny_demonstration(rng: np.random.Generator, modern: bool) -> dict[str, np.
     nut_pos = rest + ease[:, None] * (above_peg - rest)
     lower = _smooth(np.clip((np.arange(STEPS) - (RELEASE_STEP - 12)) / 10, 0, 1))
     nut_pos[:, 2] -= 0.08 * lower
-    eef_pos = nut_pos + np.array([0.05, 0.0, 0.01])  # the handle is grasped beside the nut's centre
+    turn = ease * 0.8  # the hand turns with the nut, which it holds by the handle beside the nut's centre
+    eef_pos = nut_pos + np.stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(STEPS, 0.01)], axis=1)
     eef_pos[:LIFT_STEP, 2] += np.linspace(0.15, 0, LIFT_STEP)
     nut_pos[RELEASE_STEP:, 2] = np.maximum(0.829, 0.92 - 0.03 * np.arange(STEPS - RELEASE_STEP))
     nut_pos[:6, 2] = [0.89, 0.877, 0.84, 0.822, 0.826, 0.828]
-    yaw = rng.uniform(-1, 1) + ease * 0.8
+    yaw = rng.uniform(-1, 1) + turn
     nut_quat = np.stack([0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)], axis=1)
     eef_quat = np.stack([np.cos(yaw / 2), np.sin(yaw / 2), 0 * yaw, 0 * yaw], axis=1)  # pointing down
 

@@ -6,8 +6,8 @@ import pytest
 
 from ocplanner import _core
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.holding import held_steps
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.holding import held_steps
 from ocplanner.planner.planner import Planner
 from ocplanner.rewards import FORMS, LabelSettings, RewardConfig
 from ocplanner.rewards.labels import Labeller
@@ -33,7 +33,7 @@ def demo(path):
 
 @pytest.fixture(scope="module")
 def held(demo):
-    return held_steps(*demo.object_poses("SquareNut"), demo.actions[:, -1])
+    return held_steps(*demo.object_poses("SquareNut"), demo.eef_positions, demo.actions[:, -1])
 
 
 def test_with_unit_weights_the_hint_is_the_cores_command(path, demo, held, noise_planner):

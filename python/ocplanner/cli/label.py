@@ -21,11 +21,13 @@ class Label:
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
-    """robomimic data set with the images that the planner was trained on, as `ocplanner render` makes them."""
+    """robomimic data set with the images that the planner was trained on, unless --pictures has them."""
     target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
     """File to make: a copy with labels."""
     planner: Path
     """Planner file (.safetensors)."""
+    pictures: Path | None = None
+    """Another rendering of the same demonstrations, drawn as the planner was trained."""
     hints: bool = True
     """Write obs/ocp_hint and obs/ocp_plan."""
     horizon_step: tuple[int, ...] = (1,)
@@ -77,6 +79,7 @@ class Label:
                 self.target,
                 planner,
                 settings,
+                pictures=self.pictures,
                 threads=self.threads,
                 limit=self.limit,
                 overwrite=self.overwrite,

@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
 from ocplanner.demos.writer import DatasetWriter
@@ -19,6 +21,7 @@ def label_dataset(
     planner: Planner | str | Path,
     settings: LabelSettings = DEFAULT_LABELS,
     *,
+    pictures: str | Path | None = None,
     threads: int = 1,
     limit: int | None = None,
     overwrite: bool = False,
@@ -41,10 +44,12 @@ def label_dataset(
     same file. One demonstration is in memory at a time.
 
     Args:
-        source: a robomimic data set with the images that the planner was trained on.
+        source: a robomimic data set, with the images that the planner was trained on unless ``pictures`` has them.
         target: the file to make.
         planner: the planner or its file.
         settings: what is written.
+        pictures: a data set of the same demonstrations with the planner's images, where those of ``source`` are drawn
+            otherwise (for the policy's eyes).
         threads: threads of the planner; the labels depend on it only by rounding.
         limit: label the first so many demonstrations only.
         overwrite: replace ``target`` if it is there.
@@ -54,7 +59,7 @@ def label_dataset(
     Raises:
         DatasetError: the source lacks images, object poses, or what else the labels need, or is labelled already.
         InvalidValueError: a number is out of range.
-        MismatchError: planner and source do not fit together.
+        MismatchError: planner and images do not fit together, or ``pictures`` are of other demonstrations.
         OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
         PlannerFileError: the planner cannot be read.
     """
@@ -63,10 +68,13 @@ def label_dataset(
     if Path(source).resolve() == Path(target).resolve():
         raise OutputError(f"{target} is the source itself; choose another output")
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
-    with Demonstrations(source) as demos, Labeller(planner, demos, settings, threads) as labeller:
+    with ExitStack() as opened:
+        demos = opened.enter_context(Demonstrations(source))
+        drawn = None if pictures is None else opened.enter_context(Demonstrations(pictures))
+        labeller = opened.enter_context(Labeller(planner, demos, settings, threads, drawn))
         names = demos.names[:limit]
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
-        record = {**labeller.record(), "source": {"name": demos.path.name, "bytes": demos.path.stat().st_size}}
+        record = {**labeller.record(), "source": _identity(demos), "pictures": drawn and _identity(drawn)}
         attrs[LABEL_ATTRIBUTE] = json.dumps(record, sort_keys=True)
         with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
             done = set(writer.done)
@@ -77,3 +85,7 @@ def label_dataset(
                     progress(name, demos[name].length)
             masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
+
+
+def _identity(demos: Demonstrations) -> dict[str, Any]:
+    return {"name": demos.path.name, "bytes": demos.path.stat().st_size}

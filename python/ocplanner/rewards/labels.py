@@ -10,8 +10,8 @@ from ocplanner import _core
 from ocplanner.demos.action_frame import ActionFrame, ActionScale
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.holding import held_steps
-from ocplanner.errors import DatasetError, InvalidValueError, UnknownNameError
+from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.holding import held_steps
 from ocplanner.planner.fit import check_fit
 from ocplanner.planner.hints import HINT_WIDTH, ORIGINS, Origin, check_horizon_steps, plan_hints, plan_rows
 from ocplanner.planner.planner import Plan, Planner
@@ -68,20 +68,29 @@ class Labeller:
 
     Args:
         planner: the planner.
-        demos: the data set, with the images that the planner was trained on.
+        demos: the data set.
         settings: what is written.
         threads: threads of the planner.
+        pictures: the same demonstrations drawn as the planner was trained; the data set itself if not given.
 
     Raises:
-        DatasetError: the data set lacks the planner's images, or is labelled already.
+        DatasetError: the planner's images are not there, or the data set is labelled already.
         InvalidValueError: a horizon step is beyond the plan.
         MismatchError: planner and data set do not fit together, or the actions are no end-effector deltas.
     """
 
-    def __init__(self, planner: Planner, demos: Demonstrations, settings: LabelSettings, threads: int = 1) -> None:
+    def __init__(
+        self,
+        planner: Planner,
+        demos: Demonstrations,
+        settings: LabelSettings,
+        threads: int = 1,
+        pictures: Demonstrations | None = None,
+    ) -> None:
         if demos.label_settings is not None:
             raise DatasetError(f"{demos.path} is labelled already; label the data set that it was made from")
-        check_fit(planner, demos)
+        self._pictures = demos if pictures is None else pictures
+        check_fit(planner, self._pictures)
         horizon = int(planner.config["horizon"])
         check_horizon_steps(settings.horizon_steps, horizon, settings.hint_from)
         self._planner, self._settings, self._threads = planner, settings, threads
@@ -112,10 +121,11 @@ class Labeller:
 
         Raises:
             DatasetError: an array is missing, or an image in which the object is held was not drawn.
+            MismatchError: the pictures are of another demonstration.
         """
         poses = demo.object_poses(self._object)
-        held = held_steps(*poses, demo.actions[:, -1])
-        plan = self._plan(demo, np.flatnonzero(held))
+        held = held_steps(*poses, demo.eef_positions, demo.actions[:, -1])
+        plan = self._plan(self._drawn(demo), np.flatnonzero(held))
         arrays: dict[str, np.ndarray] = {}
         if self._frame is not None:
             arrays |= self._hints(self._frame, demo, poses, held, plan)
@@ -135,6 +145,16 @@ class Labeller:
     def __exit__(self, *_: object) -> None:
         """Free the simulation."""
         self.close()
+
+    def _drawn(self, demo: Demonstration) -> Demonstration:
+        """The same demonstration among the pictures."""
+        drawn = self._pictures[demo.name]
+        if drawn.length != demo.length or not np.array_equal(drawn.actions, demo.actions):
+            raise MismatchError(
+                f"{drawn!r} is another recording than {demo!r}: the actions differ; draw the images from the same data "
+                "set with `ocplanner render`"
+            )
+        return drawn
 
     def _plan(self, demo: Demonstration, rows: np.ndarray) -> Plan:
         """Plans of the given steps, some images at a time."""

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.segments import manipulation_segment
+from ocplanner.errors import ShapeError
+from ocplanner.holding import Hold, held_steps
+from ocplanner.pose import Pose
+
+OPEN, CLOSED = -1.0, 1.0
+STEPS, GRASP, ONSET, RELEASE = 100, 30, 35, 80
+HELD = range(ONSET + 1, RELEASE + 1)  # seen one step after the motion begins; the action of RELEASE opens
+
+
+def carry() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    positions = np.zeros((STEPS, 3))
+    positions[:, 0] = 0.01 * np.clip(np.arange(STEPS) - ONSET, 0, RELEASE - ONSET)
+    gripper = np.where((np.arange(STEPS) >= GRASP) & (np.arange(STEPS) < RELEASE), CLOSED, OPEN)
+    return positions, np.tile(np.eye(3), (STEPS, 1, 1)), positions + [0.0, 0.05, 0.0], gripper
+
+
+def test_from_the_first_motion_to_the_release():
+    assert np.flatnonzero(held_steps(*carry())).tolist() == list(HELD)
+
+
+def test_not_after_the_gripper_opened_until_it_carries_again():
+    positions, rotations, hands, gripper = carry()
+    gripper[50:55] = OPEN
+    expected = [step for step in HELD if not 51 <= step <= 56]
+    assert np.flatnonzero(held_steps(positions, rotations, hands, gripper)).tolist() == expected
+
+
+def test_a_command_of_zero_keeps_the_grip():
+    positions, rotations, hands, gripper = carry()
+    gripper[GRASP + 1 : RELEASE] = 0.0
+    assert np.flatnonzero(held_steps(positions, rotations, hands, gripper)).tolist() == list(HELD)
+
+
+def test_nothing_is_held_where_nothing_is_carried():
+    positions, rotations, hands, gripper = carry()
+    assert not held_steps(0 * positions, rotations, hands, gripper).any()
+    assert not held_steps(positions, rotations, hands, np.full(STEPS, OPEN)).any()
+
+
+def test_an_object_that_the_hand_leaves_behind_is_not_held():
+    positions, rotations, hands, gripper = carry()
+    positions[60:] = positions[60]
+    held = held_steps(positions, rotations, hands, gripper)
+    assert held[:64].tolist() == [step in HELD for step in range(64)]
+    assert not held[66:].any()
+
+
+def test_what_comes_later_changes_nothing():
+    whole = held_steps(*carry())
+    for stop in (40, 60, 90):
+        np.testing.assert_array_equal(held_steps(*(array[:stop] for array in carry())), whole[:stop])
+
+
+def test_every_step_needs_every_array():
+    positions, rotations, hands, gripper = carry()
+    with pytest.raises(ShapeError, match="one a step"):
+        held_steps(positions, rotations, hands[1:], gripper)
+
+
+def test_live_as_recorded(square_ph):
+    with Demonstrations(square_ph) as demos:
+        demo = demos[0]
+        (positions, rotations), hands, actions = demo.object_poses("SquareNut"), demo.eef_positions, demo.actions
+    hold, last, live = Hold(), -1.0, []
+    for step in range(demo.length):
+        live.append(hold.update(Pose(positions[step], rotations[step]), hands[step], last))
+        last = actions[step, -1]
+    np.testing.assert_array_equal(live, held_steps(positions, rotations, hands, actions[:, -1]))
+
+
+def test_holds_between_grasp_and_release_of_every_recording(square_ph):
+    with Demonstrations(square_ph) as demos:
+        for demo in demos:
+            positions, rotations = demo.object_poses("SquareNut")
+            held = held_steps(positions, rotations, demo.eef_positions, demo.actions[:, -1])
+            segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
+            carried = np.zeros(demo.length, bool)
+            carried[segment.onset : segment.release + 1] = True
+            assert (held != carried).sum() < 13, demo.name
