@@ -16,7 +16,7 @@ def carry() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     positions = np.zeros((STEPS, 3))
     positions[:, 0] = 0.01 * np.clip(np.arange(STEPS) - ONSET, 0, RELEASE - ONSET)
     gripper = np.where((np.arange(STEPS) >= GRASP) & (np.arange(STEPS) < RELEASE), CLOSED, OPEN)
-    return positions, np.tile(np.eye(3), (STEPS, 1, 1)), positions + [0.0, 0.05, 0.0], gripper
+    return positions, np.tile(np.eye(3), (STEPS, 1, 1)), positions + np.array([0.0, 0.05, 0.0]), gripper
 
 
 def test_from_the_first_motion_to_the_release():

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from ocplanner.demos.demonstration import Demonstration
     from ocplanner.envs import make_env
     from ocplanner.planner.planner import Plan, Planner
+    from ocplanner.policies.evaluate import evaluate_policy
     from ocplanner.policies.policy import Policy
+    from ocplanner.policies.result import PolicyResult
     from ocplanner.pose import Pose
     from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset, label_demonstration, plan_reward
 
@@ -37,8 +39,10 @@ _LAZY = {
     "Plan": "ocplanner.planner.planner",
     "Planner": "ocplanner.planner.planner",
     "Policy": "ocplanner.policies.policy",
+    "PolicyResult": "ocplanner.policies.result",
     "Pose": "ocplanner.pose",
     "RewardConfig": "ocplanner.rewards",
+    "evaluate_policy": "ocplanner.policies.evaluate",
     "label_dataset": "ocplanner.rewards",
     "label_demonstration": "ocplanner.rewards",
     "make_env": "ocplanner.envs",
@@ -52,8 +56,10 @@ __all__ = [
     "Plan",
     "Planner",
     "Policy",
+    "PolicyResult",
     "Pose",
     "RewardConfig",
+    "evaluate_policy",
     "label_dataset",
     "label_demonstration",
     "make_env",

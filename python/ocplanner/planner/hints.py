@@ -79,6 +79,17 @@ def check_horizon_steps(horizon_steps: tuple[int, ...], horizon: int, origin: Or
             raise InvalidValueError(f"horizon step {k} is outside the plan; choose from 1 to {last}")
 
 
+def action_law(scale_position: float, scale_rotation: float) -> _core.DeltaPoseLaw:
+    """The core's law for actions of which 1 asks for so many metres and radians, with its limits as far as they go."""
+    return _core.DeltaPoseLaw(
+        limit_horizontal=min(0.05, scale_position),
+        limit_vertical=min(0.05, scale_position),
+        limit_rotation=min(0.2, scale_rotation),
+        scale_position=scale_position,
+        scale_rotation=scale_rotation,
+    )
+
+
 def plan_rows(plan: Plan) -> np.ndarray:
     """(B, H, 9) float64, or (B, H, 3) for positions only: position in m, then the rotation's first two columns."""
     if plan.rotation is None:

@@ -17,6 +17,7 @@ import torch
 from lightning_fabric import Fabric
 from torch.multiprocessing.spawn import ProcessRaisedException
 
+from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.planner.config import to_dict
@@ -135,12 +136,22 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             "environment": demos.env_name,
             "robots": list(demos.robots),
             "object_layout": demos[names[0]].object_layout(),
+            **_actions(demos),
             "render": demos.render_settings,
             "labels": None if config.network.hint is None else demos.label_settings,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],
         }
         return Recorded(train, valid, about)
+
+
+def _actions(demos: Demonstrations) -> dict[str, Any]:
+    """Frame and scale of the actions, None where they are no end-effector deltas of one arm."""
+    try:
+        with ActionFrame(demos) as frame:
+            return {"action_frame": frame.name, "action_scale": frame.scale._asdict()}
+    except MismatchError:
+        return {"action_frame": None, "action_scale": None}
 
 
 def _check_horizons(demos: Demonstrations, config: PolicyTraining) -> None:

@@ -6,14 +6,21 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ocplanner import _core
-from ocplanner.demos.action_frame import ActionFrame, ActionScale
+from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.holding import held_steps
 from ocplanner.planner.fit import check_fit
-from ocplanner.planner.hints import HINT_WIDTH, ORIGINS, Origin, check_horizon_steps, plan_hints, plan_rows
+from ocplanner.planner.hints import (
+    HINT_WIDTH,
+    ORIGINS,
+    Origin,
+    action_law,
+    check_horizon_steps,
+    plan_hints,
+    plan_rows,
+)
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.rewards.config import RewardConfig
 from ocplanner.rewards.terms import plan_reward
@@ -190,7 +197,7 @@ class Labeller:
         bases = frame.rotations_world(demo, rows)
         here = (poses[0][rows], poses[1][rows])
         hint[rows, :-1] = plan_hints(
-            plan, here, demo.eef_positions[rows], bases, steps, _law(frame.scale), self._settings.hint_from
+            plan, here, demo.eef_positions[rows], bases, steps, action_law(*frame.scale), self._settings.hint_from
         )
         hint[:, -1] = held
         planned = plan_rows(plan)
@@ -233,14 +240,3 @@ class Labeller:
             values = arrays[f"obs/{key}"] if key in added else demo.observation(key)
             found[f"next_obs/{key}"] = np.concatenate([values[1:], values[-1:]])
         return found
-
-
-def _law(scale: ActionScale) -> _core.DeltaPoseLaw:
-    """The core's limits, as far as the scale lets them go."""
-    return _core.DeltaPoseLaw(
-        limit_horizontal=min(0.05, scale.position),
-        limit_vertical=min(0.05, scale.position),
-        limit_rotation=min(0.2, scale.rotation),
-        scale_position=scale.position,
-        scale_rotation=scale.rotation,
-    )

@@ -1,0 +1,79 @@
+"""``ocplanner evaluate``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from ocplanner.progress import counting_columns
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Run trained policies on the arm and the task of their data set and count successes, as robomimic does.
+
+    Stop it whenever you like: the same command goes on where it was.
+    """
+
+    policy: Path
+    """Policy file (.safetensors), or the run folder of `ocplanner train-policy`: every checkpoint in its policies/."""
+    planner: Path | None = None
+    """The planner that the data set was labelled with; for policies that read hints."""
+    episodes: int = 50
+    """Episodes of each checkpoint."""
+    last: int | None = None
+    """Only the last so many checkpoints of a run folder."""
+    seed_start: int = 20000
+    """Seed of the first episode; the others follow."""
+    horizon: int | None = None
+    """Control steps of an episode instead of the task's."""
+    workers: int = 1
+    """Processes; the result does not depend on it."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Result file. Default: evaluation.json in the run folder, or beside the policy file by its name."""
+    overwrite: bool = False
+    """Replace the result file if it is there."""
+
+    def run(self) -> None:
+        """Evaluate with a progress bar."""
+        from ocplanner.policies.evaluate import checkpoints, evaluate_policy
+        from ocplanner.transfer.result import Run
+
+        paths = checkpoints(self.policy)[-(self.last or 0) :]
+        beside = self.policy.with_name(f"{self.policy.stem}_evaluation.json")
+        out = self.out or (self.policy / "evaluation.json" if self.policy.is_dir() else beside)
+        console = Console()
+        successes: dict[Path, list[bool]] = {}
+        with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
+            bar = progress.add_task("evaluating", total=self.episodes * len(paths))
+
+            def count(path: Path, run: Run) -> None:
+                seen = successes.setdefault(path, [])
+                seen.append(run.success)
+                progress.update(bar, advance=1, description=f"{path.stem}: {sum(seen)} of {len(seen)}")
+                if not console.is_terminal and len(seen) == self.episodes:
+                    console.print(f"{path.stem}: {sum(seen)}/{len(seen)}")
+
+            result = evaluate_policy(
+                self.policy,
+                self.planner,
+                episodes=self.episodes,
+                last=self.last,
+                seed_start=self.seed_start,
+                horizon=self.horizon,
+                workers=self.workers,
+                ray=self.ray,
+                out=out,
+                overwrite=self.overwrite,
+                on_episode=count,
+            )
+        console.print(str(result), soft_wrap=True)
+        console.print(f"{out}", soft_wrap=True)
+
+
+COMMAND = Evaluate

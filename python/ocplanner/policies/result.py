@@ -1,0 +1,131 @@
+"""What an evaluation of policies gives: every episode of every checkpoint, and the two numbers that papers report."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocplanner.evaluation.intervals import wilson
+from ocplanner.storage import atomic_json
+from ocplanner.transfer.result import Run
+
+_LAST = 5
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The episodes of one policy file.
+
+    Attributes:
+        step: training steps done.
+        sha256: of the file.
+        runs: the episodes, by seed.
+    """
+
+    step: int
+    sha256: str
+    runs: tuple[Run, ...]
+
+    @property
+    def successes(self) -> int:
+        """How many succeeded."""
+        return sum(run.success for run in self.runs)
+
+    @property
+    def rate(self) -> float:
+        """Share of episodes that succeeded."""
+        return self.successes / len(self.runs)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the rate."""
+        return wilson(self.successes, len(self.runs))
+
+
+@dataclass(frozen=True)
+class PolicyResult:
+    """Episodes of the checkpoints of one training.
+
+    Attributes:
+        task: name of the task.
+        robot: name of the robot.
+        algorithm: ``bc`` or ``bc-rnn``.
+        training: its whole configuration.
+        labels: how its hints were made, or None.
+        planner_sha256: of the planner file that made them live, or None.
+        episodes: of each checkpoint.
+        checkpoints: in the order of training.
+        command: remakes this result.
+        versions: installed versions by package.
+    """
+
+    task: str
+    robot: str
+    algorithm: str
+    training: dict[str, Any]
+    labels: dict[str, Any] | None
+    planner_sha256: str | None
+    episodes: int
+    checkpoints: tuple[Checkpoint, ...]
+    command: str
+    versions: dict[str, str]
+
+    @property
+    def best(self) -> float:
+        """Success rate of the best checkpoint, as robomimic and the paper report; flatters the more there are."""
+        return max(checkpoint.rate for checkpoint in self.checkpoints)
+
+    @property
+    def last_five(self) -> float:
+        """Mean success rate of the last five checkpoints, or of all if there are fewer."""
+        return float(np.mean([checkpoint.rate for checkpoint in self.checkpoints[-_LAST:]]))
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of a result file."""
+        return {
+            "task": self.task,
+            "robot": self.robot,
+            "algorithm": self.algorithm,
+            "best": self.best,
+            "last_five": self.last_five,
+            "episodes": self.episodes,
+            "training": self.training,
+            "labels": self.labels,
+            "planner_sha256": self.planner_sha256,
+            "command": self.command,
+            "versions": self.versions,
+            "checkpoints": [
+                {
+                    "step": checkpoint.step,
+                    "sha256": checkpoint.sha256,
+                    "successes": checkpoint.successes,
+                    "interval": list(checkpoint.interval),
+                    "runs": [
+                        {key: value for key, value in asdict(run).items() if key in ("seed", "success", "steps")}
+                        for run in checkpoint.runs
+                    ],
+                }
+                for checkpoint in self.checkpoints
+            ],
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write the result file, whole or not at all."""
+        atomic_json(path, self.to_json())
+        return Path(path)
+
+    def __str__(self) -> str:
+        """What the command prints: a line for each checkpoint, then the two numbers."""
+        hint = "" if self.labels is None else " with hints"
+        lines = [f"{self.algorithm}{hint} on {self.robot} {self.task}, {self.episodes} episodes a checkpoint"]
+        for checkpoint in self.checkpoints:
+            low, high = checkpoint.interval
+            lines.append(
+                f"step {checkpoint.step}: {checkpoint.successes}/{len(checkpoint.runs)} succeeded, "
+                f"95 % interval {low:.2f}-{high:.2f}"
+            )
+        if len(self.checkpoints) > 1:
+            last = min(_LAST, len(self.checkpoints))
+            lines.append(f"best {100 * self.best:.1f} %, mean of the last {last} {100 * self.last_five:.1f} %")
+        return "\n".join(lines)

@@ -1,0 +1,92 @@
+"""One episode of a policy."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ocplanner.demos.layouts import Order
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.envs.recorded_observation import recorded_observation
+from ocplanner.errors import MismatchError
+from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.live_hint import LiveHint, Pictures
+from ocplanner.policies.policy import Policy
+
+_SCALE_POSITION, _SCALE_ROTATION = 0.05, 0.5
+"""What an action of 1 asks of :class:`ManipulationEnv`: metres, radians."""
+
+
+class Outcome(NamedTuple):
+    """How an episode ended: whether the task was solved, and after how many control steps."""
+
+    success: bool
+    steps: int
+
+
+class PolicyRollout:
+    """A policy before its task: it sees what it was trained on, and its actions are carried out as recorded ones were.
+
+    Args:
+        env: the environment, with the arm, the visual preset and the observation of the policy's data set.
+        policy: the policy.
+        hint: gives the hint, where the policy reads one.
+
+    Raises:
+        MismatchError: the policy's actions or observations cannot be had here, or the hint is missing.
+    """
+
+    def __init__(self, env: ManipulationEnv, policy: Policy, hint: LiveHint | None = None) -> None:
+        config = policy.config
+        if config["action_frame"] is None:
+            raise MismatchError(
+                f"{policy.path}: its actions are no OSC_POSE deltas of one arm, so they cannot be carried out here"
+            )
+        if policy.training.network.hint is not None and hint is None:
+            raise MismatchError(f"{policy.path} reads hints: give the planner that its data set was labelled with")
+        self.env, self.policy, self.hint = env, policy, hint
+        self._world = config["action_frame"] == "world"
+        scale = config["action_scale"]
+        self._scale = (scale["position"] / _SCALE_POSITION, scale["rotation"] / _SCALE_ROTATION)
+        self._order: Order | None = config["object_layout"]
+        known = (*recorded_observation(env, self._order), HINT_KEY, *(f"{camera}_image" for camera in env.cameras))
+        missing = [key for key in policy.observation_keys if key not in known]
+        if missing:
+            raise MismatchError(
+                f"{policy.path} reads {', '.join(missing)}, which cannot be had live; there are: {', '.join(known)}"
+            )
+
+    def play(self, seed: int, horizon: int | None = None) -> Outcome:
+        """Run one episode until the task is solved, as robomimic does, or the horizon is reached.
+
+        Args:
+            seed: of the reset and of the policy's draws.
+            horizon: control steps; the environment's own if not given.
+        """
+        self.env.reset(seed)
+        self.policy.reset(seed)
+        if self.hint is not None:
+            self.hint.reset()
+        gripper = -1.0
+        for step in range(horizon or self.env.horizon):
+            action = self.policy.act(self._observation(gripper))[0]
+            self.env.step(self._carried_out(action))
+            gripper = float(action[-1])
+            if self.env.success():
+                return Outcome(True, step + 1)
+        return Outcome(False, horizon or self.env.horizon)
+
+    def _observation(self, gripper: float) -> dict[str, np.ndarray]:
+        env = self.env
+        pictures = env.observe()
+        found = recorded_observation(env, self._order) | {f"{name}_image": image for name, image in pictures.items()}
+        if self.hint is not None:
+            drawn: Pictures = {(name, env.image_size, env.observe_mode): image for name, image in pictures.items()}
+            found[HINT_KEY] = self.hint.row(gripper, drawn)
+        return {key: np.asarray(found[key])[None] for key in self.policy.observation_keys}
+
+    def _carried_out(self, action: np.ndarray) -> np.ndarray:
+        """The recorded frame and scale turned into the environment's own."""
+        action = action.astype(np.float64)
+        frame = self.env.base_rotation.T if self._world else np.eye(3)
+        position, rotation = (frame @ action[3 * part : 3 * part + 3] * self._scale[part] for part in (0, 1))
+        return np.clip(np.concatenate([position, rotation, action[6:]]), -1.0, 1.0)

@@ -1,0 +1,94 @@
+import json
+
+import numpy as np
+import pytest
+
+from ocplanner import evaluate_policy
+from ocplanner.cli import main
+from ocplanner.errors import InvalidValueError, MismatchError, OutputError, PlannerFileError
+from ocplanner.policies import evaluate
+from ocplanner.policies.result import Checkpoint, PolicyResult
+from ocplanner.policies.train import train_policy
+from ocplanner.transfer.result import Run
+
+
+@pytest.fixture(scope="module")
+def run_folder(tiny_square, tmp_path_factory, small):
+    folder = tmp_path_factory.mktemp("policies") / "run"
+    train_policy(small(), tiny_square(), folder)
+    return folder
+
+
+def short(folder, out=None, **options):
+    return evaluate_policy(folder, episodes=2, horizon=3, seed_start=30000, out=out, **options)
+
+
+def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
+    result = short(run_folder, tmp_path / "out.json")
+    assert [checkpoint.step for checkpoint in result.checkpoints] == [10, 20]
+    assert [[run.seed for run in checkpoint.runs] for checkpoint in result.checkpoints] == [
+        [30000, 30001],
+        [30002, 30003],
+    ]
+    written = json.loads((tmp_path / "out.json").read_text())
+    assert written["training"]["algorithm"] == "bc"
+    assert written["best"] == 0
+    assert written["checkpoints"][1]["runs"][0] == {"seed": 30002, "success": False, "steps": 3}
+    assert [checkpoint.step for checkpoint in short(run_folder, last=1).checkpoints] == [20]
+    assert not (tmp_path / "out.json.journal").exists()
+
+
+def test_workers_change_nothing(run_folder):
+    assert short(run_folder, workers=2).checkpoints == short(run_folder).checkpoints
+
+
+def test_a_stopped_evaluation_goes_on(run_folder, tmp_path, monkeypatch):
+    whole, out = short(run_folder), tmp_path / "out.json"
+    seen = []
+
+    def stop(path, run):
+        seen.append(run.seed)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        short(run_folder, out, on_episode=stop)
+    played = []
+    play = evaluate.PolicyStage.play
+    monkeypatch.setattr(evaluate.PolicyStage, "play", lambda self, seed: played.append(seed) or play(self, seed))
+    assert short(run_folder, out).checkpoints == whole.checkpoints
+    assert played == [30003]
+
+
+def test_refuses_what_does_not_fit(run_folder, tmp_path):
+    with pytest.raises(InvalidValueError, match="at least 1"):
+        evaluate_policy(run_folder, episodes=0)
+    with pytest.raises(PlannerFileError, match=r"no policies/step_\*\.safetensors"):
+        evaluate_policy(tmp_path)
+    with pytest.raises(MismatchError, match="needs no planner"):
+        evaluate_policy(run_folder, tmp_path / "planner.safetensors")
+    short(run_folder, tmp_path / "out.json")
+    with pytest.raises(OutputError, match="--overwrite"):
+        short(run_folder, tmp_path / "out.json")
+    short(run_folder, tmp_path / "out.json", overwrite=True)
+
+
+def test_the_command(run_folder, capsys):
+    flags = ["--policy", str(run_folder), "--episodes", "1", "--horizon", "2", "--last", "1"]
+    assert main(["evaluate", *flags]) == 0
+    said = capsys.readouterr().out
+    assert "step 20: 0/1 succeeded" in said
+    assert (run_folder / "evaluation.json").exists()
+    assert main(["evaluate", *flags]) == 2
+
+
+def test_best_and_last_five():
+    rates = [0, 10, 5, 5, 4, 6, 5]
+    checkpoints = tuple(
+        Checkpoint(step, "", tuple(Run(seed, seed < rate, 1, None, None) for seed in range(10)))
+        for step, rate in enumerate(rates)
+    )
+    result = PolicyResult("Square", "Panda", "bc", {}, None, None, 10, checkpoints, "", {})
+    assert result.best == 1.0
+    np.testing.assert_allclose(result.last_five, 0.5)
+    assert "best 100.0 %, mean of the last 5 50.0 %" in str(result)

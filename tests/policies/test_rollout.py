@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+
+from ocplanner.envs import make_env
+from ocplanner.errors import MismatchError
+from ocplanner.planner.config import to_dict
+from ocplanner.policies.network import make_actor
+from ocplanner.policies.policy import Policy, save_policy
+from ocplanner.policies.rollout import PolicyRollout
+
+ABOUT = {
+    "object_layout": "absolute-first",
+    "action_frame": "world",
+    "action_scale": {"position": 0.05, "rotation": 0.5},
+    "labels": None,
+}
+
+
+@pytest.fixture
+def policy(tmp_path, small):
+    """``policy(**about)``: an untrained policy."""
+
+    def make(algorithm="bc", hint=None, **about):
+        config = small(algorithm, hint)
+        path = tmp_path / "policy.safetensors"
+        save_policy(
+            make_actor(config, 23, 7),
+            {**ABOUT, "low_dim": 23, "actions": 7, "training": to_dict(config), **about},
+            path,
+        )
+        return Policy.load(path)
+
+    return make
+
+
+class Says:
+    """In place of a policy's draw: always the same action."""
+
+    def __init__(self, policy, action):
+        self._policy, self._action = policy, np.array([action], np.float32)
+
+    def __getattr__(self, name):
+        return getattr(self._policy, name)
+
+    def act(self, observation):
+        return self._action
+
+
+@pytest.mark.parametrize("robot", ["Panda", "Sawyer"])
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_a_recorded_frame_and_scale_are_kept_on_any_arm(policy, robot, scale):
+    scales = {"position": 0.05 * scale, "rotation": 0.5 * scale}
+    along = []
+    with make_env("Square", robot, cameras=()) as env:
+        rollout = PolicyRollout(env, Says(policy(action_scale=scales), [0, 0.5, 0, 0, 0, 0, -1]))
+        for horizon in (5, 15):
+            assert rollout.play(20000, horizon) == (False, horizon)
+            along.append(env.eef_pose().position)
+    moved = along[1] - along[0]
+    assert moved[1] > 0.02 * scale
+    assert np.abs(moved[[0, 2]]).max() < 0.4 * moved[1]
+
+
+def test_an_episode_ends_where_the_task_is_solved(policy, monkeypatch):
+    with make_env("Square", "Panda", cameras=()) as env:
+        monkeypatch.setattr(type(env), "success", lambda self: self.steps == 7)
+        assert PolicyRollout(env, policy()).play(20000) == (True, 7)
+
+
+def test_episodes_repeat(policy):
+    with make_env("Square", "Panda", cameras=()) as env:
+        rollout, ends = PolicyRollout(env, policy("bc-rnn")), []
+        for seed in (20000, 20000, 20001):
+            rollout.play(seed, 12)
+            ends.append(env.eef_pose().position)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    assert not np.array_equal(ends[0], ends[2])
+
+
+def test_refuses_what_cannot_be_carried_out(policy):
+    with make_env("Square", "Panda", cameras=()) as env:
+        with pytest.raises(MismatchError, match="no OSC_POSE deltas"):
+            PolicyRollout(env, policy(action_frame=None))
+        with pytest.raises(MismatchError, match="reads hints"):
+            PolicyRollout(env, policy(hint=(1,)))
+        with pytest.raises(MismatchError, match="object, which cannot be had live"):
+            PolicyRollout(env, policy(object_layout=None))
