@@ -119,3 +119,37 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
     for path in (Path("README.md"), Path("results/README.md")):
         assert "| gated | masked | 1/7 | 1/7 | 1/7 |" in path.read_text()
         assert "| Sawyer | gated | 1/7 | 1/7 | 1/7 | 1/7 |" in path.read_text()
+
+
+def test_table_1_runs_what_is_missing_and_gathers_it(monkeypatch, tmp_path, capsys):
+    ran = []
+
+    def run(arguments, log):
+        verb, options = arguments[0], dict(pairwise(arguments))
+        ran.append((verb, options))
+        made = {"render": arguments[2], "label": arguments[2], "evaluate": options.get("--out")}.get(verb)
+        made = Path(made or f"{options['--run']}/policy.safetensors")
+        made.parent.mkdir(parents=True, exist_ok=True)
+        content = {"best": 0.5, "last_five": 0.4, "episodes": 50, "checkpoints": [{"successes": 20}] * 5}
+        made.write_text(json.dumps(content))
+
+    monkeypatch.setattr(reproduction, "run_command", run)
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "--table", "1", "--seeds", "0", "--workers", "1"]) == 0
+    verbs = [verb for verb, _ in ran]
+    assert [verbs.count(verb) for verb in ("render", "label", "train-policy", "evaluate")] == [2, 2, 8, 8]
+    of_hints = [options for verb, options in ran if verb == "evaluate" and "--planner" in options]
+    assert len(of_hints) == 4
+    assert all(options["--last"] == "5" for options in of_hints)
+    rows = json.loads(Path("results/table1.json").read_text())["rows"]
+    assert [(row["algorithm"], row["observations"], row["hint"]) for row in rows] == [
+        ("bc", "state", ""), ("bc-rnn", "state", ""),
+        ("bc", "image", ""), ("bc", "image", "k1"), ("bc", "image", "k5"),
+        ("bc-rnn", "image", ""), ("bc-rnn", "image", "k1"), ("bc-rnn", "image", "k5"),
+    ]  # fmt: skip
+    ran.clear()
+    assert main(["reproduce", "--table", "1", "--seeds", "0"]) == 0
+    assert ran == []
+    assert main(["reproduce"]) == 2
+    assert main(["reproduce", "tables", "--table", "1"]) == 2
+    assert "--table 1" in capsys.readouterr().err

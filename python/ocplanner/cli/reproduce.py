@@ -9,22 +9,25 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from ocplanner.evaluation import encoders, experiments, held_out, reproduction
+from ocplanner.errors import InvalidValueError
+from ocplanner.evaluation import encoders, experiments, held_out, policy_experiments, reproduction, table1
 from ocplanner.evaluation.experiments import PlannerExperiment
 from ocplanner.evaluation.marked_tables import write_tables
 
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Remake the files under ``results/``: planners trained on Square PH, their zero-shot transfers, and the tables.
+    """Remake the files under ``results/``: planners trained on Square PH, their zero-shot transfers, policies, tables.
 
     What is there already is not done again; run the same command again after a stop.
     """
 
-    part: Annotated[Literal["planners", "zero-shot", "encoders", "tables"], tyro.conf.Positional]
+    part: Annotated[Literal["planners", "zero-shot", "encoders", "tables"] | None, tyro.conf.Positional] = None
     """planners: images, training and held-out errors. zero-shot: every planner on every arm. encoders: the search
     for the smallest image encoder. tables: rewrite those in README.md and results/README.md from the result files,
-    which zero-shot and encoders do too."""
+    which the others do too. Nothing with --table."""
+    table: Literal[1] | None = None
+    """A table of the paper. 1: policies with and without the plan as a hint, trained and evaluated."""
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
     work: Path = Path("runs/reproduce")
@@ -34,7 +37,7 @@ class Reproduce:
     seeds: tuple[int, ...] = (0, 1, 2)
     """Training seeds."""
     episodes: int = 100
-    """Episodes of each transfer, seeds 10000 and up."""
+    """Episodes of each transfer, seeds 10000 and up. Policies: half as many for each checkpoint, seeds 20000 and up."""
     workers: int = 2
     """Processes."""
     channels: tuple[int, ...] = ()
@@ -44,9 +47,11 @@ class Reproduce:
 
     def run(self) -> None:
         """Do what is missing, one line for each step done."""
+        if (self.part is None) == (self.table is None):
+            raise InvalidValueError("say what to remake: planners, zero-shot, encoders or tables, or --table 1")
         console = Console()
         parts = {"planners": self._planners, "zero-shot": self._zero_shot, "encoders": self._encoders}
-        parts.get(self.part, self._tables)(console)
+        (self._table1 if self.part is None else parts.get(self.part, self._tables))(console)
 
     def _planners(self, console: Console) -> None:
         wanted = [
@@ -79,6 +84,20 @@ class Reproduce:
             out = encoders.write(wanted, self.work, self.results, command)
             write_tables(self.results)
             console.print(f"trained {experiment.name}; errors in {out}")
+
+    def _table1(self, console: Console) -> None:
+        wanted = policy_experiments.table1_experiments(self.seeds)
+        missing = [experiment for experiment in wanted if not experiment.result(self.results).exists()]
+        command = shlex.join(["ocplanner", *sys.argv[1:]])
+        for name in policy_experiments.make_data(missing, self.data, self.work, self.results, self.workers):
+            console.print(f"made {name}")
+        for experiment in policy_experiments.run_all(
+            missing, self.data, self.work, self.results, self.episodes // 2, self.workers
+        ):
+            table1.write(wanted, self.results, command)
+            console.print(f"done {experiment.name}")
+        table1.write(wanted, self.results, command)
+        self._tables(console)
 
     def _tables(self, console: Console) -> None:
         for path in write_tables(self.results):

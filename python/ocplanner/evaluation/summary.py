@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation import encoders, held_out
+from ocplanner.evaluation import encoders, held_out, table1
 
 NOTHING = "Not measured yet."
 
@@ -81,6 +81,35 @@ def encoder_table(results: Path) -> str:
         raise ResultFileError(f"{path} is damaged ({error!r}); delete it and measure again") from error
     head = ("encoder", "pool", "steps", "seed", "planner MB", "a plan, ms", "ADE mm", "FDE mm", "rotation deg")
     return _markdown(head, texts)
+
+
+def policy_table(results: Path) -> str:
+    """The paper's Table 1: policies with and without the plan as a hint.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    rows = table1.read(results)
+    if not rows:
+        return NOTHING
+    head = ("policy", "hint", "best checkpoint %", "of", "last five %", "95 % interval", "seeds", "published best %")
+    return _markdown(head, map(_policy, rows))
+
+
+def _policy(row: Mapping[str, Any]) -> list[str]:
+    low, high = row["last_five_interval"]
+    hint = table1.HINTS[row["hint"]]
+    published = row["published_best"]
+    return [
+        f"{row['algorithm'].upper()} ({row['observations']})",
+        "none" if hint is None else f"k = {hint.horizon_step}, from the {hint.hint_from}",
+        f"**{row['best_mean']:.1f}** ± {row['best_std']:.1f} ({', '.join(f'{value:.0f}' for value in row['best'])})",
+        str(max(row["checkpoints"])),
+        f"{row['last_five_mean']:.1f} ± {row['last_five_std']:.1f}",
+        f"{low:.1f}-{high:.1f}",
+        str(len(row["seeds"])),
+        "" if published is None else f"{published[0]:.1f} ± {published[1]:.1f}",
+    ]
 
 
 def _encoder(row: Mapping[str, Any]) -> list[str]:

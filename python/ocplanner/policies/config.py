@@ -181,19 +181,20 @@ def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
 def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     rnn = algorithm == "bc-rnn"
     state = kind == "state"
+    steps = (30_000 if rnn else 100_000) if state else (12_000 if rnn else 20_000)
     return PolicyTraining(
         algorithm,
         "cpu",
         ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
         NetworkConfig(hidden=(512, 512), lstm_hidden=200),
-        steps=(30_000 if rnn else 100_000) if state else (12_000 if rnn else 30_000),
+        steps=steps,
         batch=100 if state else (16 if rnn else 64),
         learning_rate=1e-3 if rnn else 5e-4,
         schedule="cosine",
         warmup=200,
         clip=10.0,
         ema=0.999,
-        save_every=2000,
+        save_every=steps // 10,
     )
 
 
