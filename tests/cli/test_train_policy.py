@@ -1,10 +1,16 @@
+import json
+
 import pytest
 import tyro
+import yaml
 
 from ocplanner import Policy
 from ocplanner.cli import main
 from ocplanner.cli.train_policy import TrainPolicy
+from ocplanner.errors import InvalidValueError
 from ocplanner.policies.config import HintConfig, preset
+
+GMM = {"gmm": {"enabled": True}}
 
 
 def parsed(*flags: str) -> TrainPolicy:
@@ -30,6 +36,41 @@ def test_flags_reach_the_configuration():
     assert (config.observation.cameras, config.observation.low_dim) == (("agentview",), ("a", "b"))
 
 
+def test_a_robomimic_configuration_decides_and_flags_override(tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"algo_name": "bc", "train": {"batch_size": 7, "seed": 4}, "algo": GMM}))
+    config = parsed("--config", str(path)).configuration()
+    assert (config.preset, config.batch, config.seed) == ("robomimic", 7, 4)
+    assert (config.mask, config.network.hint) == (None, None)
+    numbers = "--batch 5 --seed 2 --learning-rate 1 --hint --hint-horizons 1 4"
+    flags = [*numbers.split(), "--mask", "valid", "--device", "mps", "--low-dim", "a"]
+    config = parsed("--config", str(path), *flags).configuration()
+    assert (config.batch, config.seed, config.mask, config.device, config.learning_rate) == (5, 2, "valid", "mps", 1)
+    assert (config.network.hint, config.observation.low_dim) == (HintConfig((1, 4)), ("a",))
+
+
+@pytest.mark.parametrize("flag", [("--preset", "cpu"), ("--algorithm", "bc-rnn"), ("--observations", "image")])
+def test_what_decides_the_network_is_given_once(tmp_path, flag):
+    (tmp_path / "config.json").write_text(json.dumps({"algo_name": "bc", "algo": GMM}))
+    with pytest.raises(InvalidValueError, match=f"{flag[0]} and --config both decide the network"):
+        parsed("--config", str(tmp_path / "config.json"), *flag).configuration()
+
+
+def test_a_robomimic_configuration_trains_and_the_run_has_what_was_resolved(tiny_square, tmp_path, capsys):
+    train = {"data": str(tiny_square()), "hdf5_filter_key": "train", "batch_size": 8, "num_epochs": 2, "cuda": False}
+    experiment = {"epoch_every_n_steps": 2, "name": "x", "rollout": {"enabled": True}}
+    values = {"algo_name": "bc", "algo": GMM | {"actor_layer_dims": [8]}, "train": train, "experiment": experiment}
+    path, run = tmp_path / "config.json", tmp_path / "run"
+    path.write_text(json.dumps(values))
+    assert main(["train-policy", "--config", str(path), "--run", str(run), "--seed", "3"]) == 0
+    out, error = capsys.readouterr()
+    assert error.splitlines()[0] == f"{path}: without effect on the training: experiment.name, experiment.rollout"
+    written = yaml.safe_load((run / "config.yaml").read_text())
+    assert (written["batch"], written["steps"], written["seed"]) == (8, 4, 3)
+    assert written["network"]["hidden"] == [8]
+    assert Policy.load(out.strip()).training.seed == 3
+
+
 def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
     flags = ["--steps", "3", "--save-every", "2", "--batch", "8"]
     assert main(["train-policy", "--data", str(tiny_square()), "--run", str(tmp_path / "run"), *flags]) == 0
@@ -45,6 +86,8 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
         (["--data", "absent.hdf5"], "no such file"),
         (["--data", "absent.hdf5", "--steps", "0"], "at least 1"),
         (["--data", "absent.hdf5", "--processes", "3"], "a batch of 100 cannot be shared evenly by 3 processes"),
+        ([], "no data set is named; give --data"),
+        (["--config", "absent.json"], "absent.json: cannot be read"),
         (["--data", "absent.hdf5", "--device", "abacus"], "device 'abacus' cannot be used"),
     ],
 )

@@ -4,10 +4,11 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from ocplanner.errors import InvalidValueError
 from ocplanner.policies.config import (
     Algorithm,
     HintConfig,
@@ -16,34 +17,40 @@ from ocplanner.policies.config import (
     Preset,
     preset,
 )
+from ocplanner.settings import require
+
+if TYPE_CHECKING:
+    from ocplanner.policies.robomimic_config import RobomimicConfig
 
 
 @dataclass(frozen=True)
 class TrainPolicy:
     """Train a policy by imitation; run the same command again to continue after a stop."""
 
-    data: Path
-    """Robomimic HDF5; `ocplanner label` adds hints, `ocplanner render` images."""
     run_folder: Annotated[Path, tyro.conf.arg(name="run")]
     """Run folder: config.yaml, metrics.jsonl, TensorBoard events, checkpoints, policies/ and policy.safetensors."""
-    algorithm: Algorithm = "bc"
-    """bc: the last observation decides. bc-rnn: an LSTM remembers."""
-    preset: Preset = "cpu"
-    """cpu: small networks, under an hour on one or two cores. robomimic: the published hyperparameters."""
-    observations: ObservationKind = "state"
-    """state: numbers with the object's pose. image: cameras and proprioception."""
+    data: Path | None = None
+    """Robomimic HDF5; `ocplanner label` adds hints, `ocplanner render` images. Default: the one that --config names."""
+    config: Path | None = None
+    """Robomimic JSON configuration (algo_name: bc) in place of a preset; other flags override it."""
+    algorithm: Algorithm | None = None
+    """bc (the default): the last observation decides. bc-rnn: an LSTM remembers."""
+    preset: Preset | None = None
+    """cpu (the default): small networks, under an hour on one or two cores. robomimic: published hyperparameters."""
+    observations: ObservationKind | None = None
+    """state (the default): numbers with the object's pose. image: cameras and proprioception."""
     hint: bool = False
     """Read the plan as a hint from obs/ocp_hint."""
-    hint_horizons: tuple[int, ...] = (1,)
-    """How many steps ahead the hints look, as the data set was labelled."""
+    hint_horizons: tuple[int, ...] | None = None
+    """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
     low_dim: tuple[str, ...] | None = None
     """Names of the low-dimensional observations instead of the preset's."""
     cameras: tuple[str, ...] | None = None
     """Cameras instead of the preset's."""
-    mask: str = "train"
-    """Train on mask/NAME of the data set; `all`: on every demonstration."""
-    seed: int = 0
-    """Decides initial weights, batches and crops."""
+    mask: str | None = None
+    """Train on mask/NAME of the data set (default: train); `all`: on every demonstration."""
+    seed: int | None = None
+    """Decides initial weights, batches and crops. Default: 0."""
     steps: int | None = None
     """Training steps instead of the preset's."""
     batch: int | None = None
@@ -58,38 +65,70 @@ class TrainPolicy:
     """Training processes on this machine; under torchrun those that it started."""
     threads: int = 1
     """CPU threads of each process."""
-    device: str = "cpu"
-    """cpu, cuda or mps."""
+    device: str | None = None
+    """cpu (the default), cuda or mps."""
 
     def configuration(self) -> PolicyTraining:
-        """The preset with these flags applied."""
-        base = preset(self.preset, self.algorithm, self.observations)
-        seen = base.observation
-        seen = replace(
-            seen,
-            low_dim=seen.low_dim if self.low_dim is None else self.low_dim,
-            cameras=seen.cameras if self.cameras is None else self.cameras,
-        )
-        names = ("steps", "batch", "learning_rate", "ema", "save_every")
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        return replace(
-            base,
-            observation=seen,
-            network=replace(base.network, hint=HintConfig(self.hint_horizons) if self.hint else None),
-            mask=None if self.mask == "all" else self.mask,
-            seed=self.seed,
-            threads=self.threads,
-            device=self.device,
-            **given,
-        )
+        """The preset, or the robomimic configuration, with these flags applied.
+
+        Raises:
+            InvalidValueError: the configuration cannot be honoured, or flags contradict each other.
+        """
+        return self._resolved(self._robomimic())
 
     def run(self) -> None:
-        """Train, and print the policy file's path."""
+        """Train, and print the policy file's path.
+
+        Raises:
+            InvalidValueError: the configuration cannot be honoured, flags contradict each other, or no file is named.
+        """
         from ocplanner.policies.train import train_policy
 
-        policy = train_policy(self.configuration(), self.data, self.run_folder, self.processes)
-        if os.environ.get("RANK", "0") == "0":  # torchrun runs this in every process
+        given = self._robomimic()
+        first = os.environ.get("RANK", "0") == "0"  # torchrun runs this in every process
+        if given is not None and given.ignored and first:
+            sys.stderr.write(f"{self.config}: without effect on the training: {', '.join(given.ignored)}\n")
+        data = self.data or (given.data if given is not None else None)
+        if data is None:
+            raise InvalidValueError("no data set is named; give --data")
+        policy = train_policy(self._resolved(given), data, self.run_folder, self.processes)
+        if first:
             sys.stdout.write(f"{policy}\n")
+
+    def _robomimic(self) -> "RobomimicConfig | None":
+        if self.config is None:
+            return None
+        from ocplanner.policies.robomimic_config import read_robomimic_config
+
+        for flag in ("algorithm", "preset", "observations"):
+            require(getattr(self, flag) is None, f"--{flag} and --config both decide the network; give one of them")
+        return read_robomimic_config(self.config)
+
+    def _resolved(self, given: "RobomimicConfig | None") -> PolicyTraining:
+        base = given.training if given is not None else self._preset()
+        names = ("steps", "batch", "learning_rate", "ema", "save_every", "seed", "device")
+        flags = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if self.mask is not None:
+            flags["mask"] = None if self.mask == "all" else self.mask
+        seen, network = base.observation, base.network
+        return replace(
+            base,
+            observation=replace(
+                seen,
+                low_dim=seen.low_dim if self.low_dim is None else self.low_dim,
+                cameras=seen.cameras if self.cameras is None else self.cameras,
+            ),
+            network=replace(network, hint=self._hint(network.hint)),
+            threads=self.threads,
+            **flags,
+        )
+
+    def _preset(self) -> PolicyTraining:
+        return preset(self.preset or "cpu", self.algorithm or "bc", self.observations or "state")
+
+    def _hint(self, base: HintConfig | None) -> HintConfig | None:
+        hint = base or (HintConfig() if self.hint else None)
+        return hint if hint is None or self.hint_horizons is None else replace(hint, horizons=self.hint_horizons)
 
 
 COMMAND = TrainPolicy
