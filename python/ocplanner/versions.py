@@ -38,14 +38,23 @@ def check_pins() -> None:
         VersionError: a pinned package is missing or outside its range; the message holds the ``pip`` line to run.
     """
     for package, (lowest, above, requirement) in PINS.items():
-        try:
-            found = metadata.version(package)
-        except metadata.PackageNotFoundError as error:
-            raise VersionError(f"{package} is not installed; run: pip install '{requirement}'") from error
-        if not lowest <= _release(found) < above:
-            raise VersionError(
-                f"{package} {found} is installed, but ocplanner needs {requirement}; run: pip install '{requirement}'"
-            )
+        check_pin(package, lowest, above, requirement)
+
+
+def check_pin(package: str, lowest: tuple[int, ...], above: tuple[int, ...], requirement: str) -> None:
+    """Check that a package's release lies in [lowest, above).
+
+    Raises:
+        VersionError: it is missing or does not; the message holds the ``pip`` line to run.
+    """
+    try:
+        found = metadata.version(package)
+    except metadata.PackageNotFoundError as error:
+        raise VersionError(f"{package} is not installed; run: pip install '{requirement}'") from error
+    if not lowest <= _release(found) < above:
+        raise VersionError(
+            f"{package} {found} is installed, but ocplanner needs {requirement}; run: pip install '{requirement}'"
+        )
 
 
 def installed() -> dict[str, str]:

@@ -155,8 +155,7 @@ def test_at_the_top_of_the_package():
 
 @pytest.mark.filterwarnings("ignore")
 def test_robomimic_reads_it(labelled):
-    dataset = pytest.importorskip("robomimic.utils.dataset", reason="robomimic is not installed")
-    from robomimic.utils import obs_utils
+    from robomimic.utils import dataset, obs_utils
 
     low_dim = ["robot0_eef_pos", "object", "ocp_hint"]
     obs_utils.initialize_obs_utils_with_obs_specs({"obs": {"low_dim": low_dim, "rgb": ["agentview_image"]}})

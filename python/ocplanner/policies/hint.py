@@ -39,12 +39,21 @@ class HintWeights(nn.Module):
         Raises:
             ShapeError: the hint has another width.
         """
-        moves = displacements(hint, self.config)
-        weights = self.weights(features)
-        # (..., M, K, 2, 1) * (..., 1, K, 2, 3), summed over k
-        moved = (weights.unsqueeze(-1) * moves.unsqueeze(-4)).sum(dim=-3).flatten(-2)
-        means = nn.functional.pad(moved, (0, residual.means.shape[-1] - 6)) + residual.means
+        means = shifted(residual.means, self.weights(features), displacements(hint, self.config))
         return Mixture(residual.logits, means, residual.stds)
+
+
+def shifted(means: Tensor, weights: Tensor, moves: Tensor) -> Tensor:
+    """(..., M, A) means of actions (position 3, rotation 3, then the gripper) plus the weighted hint.
+
+    Args:
+        means: (..., M, A), the residuals.
+        weights: (..., M, K, 2), x and y.
+        moves: (..., K, 2, 3), see :func:`displacements`.
+    """
+    # (..., M, K, 2, 1) * (..., 1, K, 2, 3), summed over k
+    moved = (weights.unsqueeze(-1) * moves.unsqueeze(-4)).sum(dim=-3).flatten(-2)
+    return nn.functional.pad(moved, (0, means.shape[-1] - 6)) + means
 
 
 def displacements(hint: Tensor, config: HintConfig) -> Tensor:

@@ -1,0 +1,1 @@
+"""Other libraries that learn with the planner's help."""
