@@ -189,3 +189,29 @@ def test_planner_and_data_set_must_fit(tiny_square, path, tmp_path, noise_planne
     write_random_planner(tmp_path / "p.safetensors")
     with pytest.raises(MismatchError, match="observe=full"):
         labels(path, Planner.load(tmp_path / "p.safetensors"))
+
+
+def test_the_planners_pictures_may_be_another_files(tiny_square, noise_planner, path):
+    with Demonstrations(tiny_square("1.4.1")) as demos, Demonstrations(path) as pictures:
+        with pytest.raises(DatasetError, match="no images of camera agentview"):
+            Labeller(noise_planner, demos, EVERYTHING)
+        with Labeller(noise_planner, demos, EVERYTHING, pictures=pictures) as labeller:
+            found = labeller.label(demos["demo_1"])
+    expected = labels(path, noise_planner)
+    assert {key for key in expected if "image" not in key} == set(found)
+    np.testing.assert_array_equal(found["obs/ocp_hint"], expected["obs/ocp_hint"])
+
+
+def test_pictures_of_another_recording_are_refused(tiny_square, noise_planner, path, tmp_path):
+    other = tmp_path / "other.hdf5"
+    shutil.copyfile(path, other)
+    with h5py.File(other, "r+") as file:
+        file["data/demo_1/actions"][3, 0] += 0.1
+    with (
+        Demonstrations(tiny_square("1.4.1")) as demos,
+        Demonstrations(other) as pictures,
+        Labeller(noise_planner, demos, EVERYTHING, pictures=pictures) as labeller,
+    ):
+        labeller.label(demos["demo_0"])
+        with pytest.raises(MismatchError, match="another recording"):
+            labeller.label(demos["demo_1"])
