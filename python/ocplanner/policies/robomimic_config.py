@@ -54,8 +54,21 @@ def read_robomimic_config(path: Path) -> RobomimicConfig:
         raise InvalidValueError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise InvalidValueError(f"{path} is no JSON ({error}); give a configuration as robomimic writes it") from error
-    if not isinstance(values, dict) or values.get("algo_name") != "bc":
-        found = values.get("algo_name") if isinstance(values, dict) else None
+    return parse_robomimic_config(values, path)
+
+
+def parse_robomimic_config(values: Any, path: Path) -> RobomimicConfig:
+    """What :func:`read_robomimic_config` makes of a file's values.
+
+    Args:
+        values: what the JSON holds.
+        path: where it stands, for messages.
+
+    Raises:
+        InvalidValueError: it has unknown keys or values that cannot be honoured: all are named.
+    """
+    found = values.get("algo_name") if isinstance(values, dict) else None
+    if found != "bc":
         raise InvalidValueError(f'{path}: algo_name is {json.dumps(found)}; only "bc" can be trained')
     keys = Keys(values)
     keys.take("algo_name", "bc")

@@ -8,7 +8,8 @@ Importing this registers with robomimic 0.5, in the two registries that it has f
     from robomimic.config import config_factory
     from robomimic.scripts.train import train
 
-``python -m ocplanner.integrations.robomimic train --config FILE.json`` runs robomimic's script ``train.py`` so.
+``python -m ocplanner.integrations.robomimic train --config FILE.json`` runs robomimic's script ``train.py`` so;
+:func:`export_policy` makes a policy file of ours from its checkpoint.
 
 Raises:
     VersionError: robomimic is not installed, or is not 0.5.
@@ -20,5 +21,6 @@ check_pin("praxis-robomimic", (0, 5), (0, 6), "praxis-robomimic==0.5.0")
 
 from ocplanner.integrations.robomimic.algorithms import HintedBC, HintedBCRNN  # noqa: E402
 from ocplanner.integrations.robomimic.config import HintedBCConfig  # noqa: E402
+from ocplanner.integrations.robomimic.export import export_policy  # noqa: E402
 
-__all__ = ["HintedBC", "HintedBCConfig", "HintedBCRNN"]
+__all__ = ["HintedBC", "HintedBCConfig", "HintedBCRNN", "export_policy"]

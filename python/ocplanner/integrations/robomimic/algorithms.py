@@ -106,7 +106,7 @@ def _check(algorithm: BC_GMM | BC_RNN_GMM, hint: HintConfig) -> None:
     if rollout.enabled:
         raise MismatchError(
             f"robomimic's environments observe no {HINT_KEY!r}, so that its rollouts would fail: "
-            "set experiment.rollout.enabled to false"
+            "set experiment.rollout.enabled to false, and export the checkpoint for `ocplanner evaluate`"
         )
     scaled = [key for key, about in train.action_config.items() if about.get("normalization") is not None]
     if train.hdf5_normalize_obs or scaled:
