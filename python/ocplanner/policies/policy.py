@@ -50,6 +50,7 @@ class Policy:
         sha256: its hash.
         config: the file's whole configuration.
         observation_keys: what :meth:`act` needs, by the names under ``obs``.
+        actor: the network.
     """
 
     def __init__(self, path: Path, data: bytes) -> None:
@@ -61,9 +62,9 @@ class Policy:
             raise ValueError(f"it holds a {header['kind']} of format {header['format']}, not a policy of {FORMAT}")
         self.config: Mapping[str, Any] = MappingProxyType(header["config"])
         self.training = training_from_dict(self.config["training"])
-        self._actor = make_actor(self.training, self.config["low_dim"], self.config["actions"])
-        self._actor.load_state_dict(load_tensors(data))
-        self._actor.eval()
+        self.actor = make_actor(self.training, self.config["low_dim"], self.config["actions"])
+        self.actor.load_state_dict(load_tensors(data))
+        self.actor.eval()
         seen = self.training.observation
         hint = () if self.training.network.hint is None else (HINT_KEY,)
         self.observation_keys: tuple[str, ...] = (*seen.low_dim, *(f"{name}_image" for name in seen.cameras), *hint)
@@ -114,7 +115,7 @@ class Policy:
                 if self._steps % self.training.network.sequence == 0:
                     self._memory = None
                 seen = _one_step(seen)
-            mixture, self._memory = self._actor.distribution(seen, self._memory)
+            mixture, self._memory = self.actor.distribution(seen, self._memory)
             actions = mixture.sample(self.training.network.gmm.low_noise, self._generator)
         self._steps += 1
         return (actions[0] if recurrent else actions).clamp(-1, 1).numpy()

@@ -1,0 +1,145 @@
+"""What a policy makes of the plan: its weights x and y and its residual A along a recorded episode (section 5.2)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.errors import InvalidValueError, MismatchError
+from ocplanner.policies.actor import Actor
+from ocplanner.policies.config import HintConfig
+from ocplanner.policies.data import load_samples
+from ocplanner.policies.hint import displacements
+from ocplanner.policies.observation import Observation
+from ocplanner.policies.policy import Policy
+
+
+@dataclass(frozen=True)
+class HintUse:
+    """The most likely mode's mean, taken apart, at each of T steps: ``sum over k of (x, y)_k * hint_k + A``.
+
+    Everything is in the unit of actions: 1 is the largest command.
+
+    Attributes:
+        demonstration: name of the episode.
+        horizons: the K hint horizons, control steps.
+        held: (T,) bool, the hint's flag; elsewhere the weights have nothing to weigh.
+        hint: (T, K, 2, 3) float32, position and rotation part, zero where not held.
+        weights: (T, K, 2) float32, x (position) and y (rotation).
+        residual: (T, A) float32, position 3, rotation 3, then the gripper.
+        probability: (T,) float32, of that mode.
+    """
+
+    demonstration: str
+    horizons: tuple[int, ...]
+    held: np.ndarray
+    hint: np.ndarray
+    weights: np.ndarray
+    residual: np.ndarray
+    probability: np.ndarray
+
+    @property
+    def moved(self) -> np.ndarray:
+        """(T, 2, 3): what the weighted hint adds to position and rotation."""
+        return (self.weights[..., None] * self.hint).sum(axis=1)
+
+    @property
+    def residual_size(self) -> np.ndarray:
+        """(T, 2): length of A's position part and of its rotation part."""
+        return np.linalg.norm(self._residual_parts, axis=-1)
+
+    @property
+    def share(self) -> np.ndarray:
+        """(2,): how much of the motion along the mean action, position and rotation, comes from the hint while held.
+
+        With the mean m and the weighted hint h this is sum(h . m) / sum(m . m); A makes up the rest to 1. NaN if the
+        object is never held.
+        """
+        mean = (self.moved + self._residual_parts)[self.held]
+        from_hint = (self.moved[self.held] * mean).sum(axis=(0, 2))
+        whole = (mean**2).sum(axis=(0, 2))
+        return np.divide(from_hint, whole, out=np.full(2, np.nan), where=whole > 0)
+
+    @property
+    def _residual_parts(self) -> np.ndarray:
+        return self.residual[:, :6].reshape(-1, 2, 3)
+
+
+def hint_use(policy: Policy, demos: Demonstrations, name: str) -> HintUse:
+    """Show a policy a recorded episode of a labelled data set, and see what it would make of the hint.
+
+    BC-RNN forgets at the same steps as in a rollout.
+
+    Args:
+        policy: a policy with a hint.
+        demos: labelled as the policy's own data set was.
+        name: of the demonstration.
+
+    Raises:
+        InvalidValueError: the policy reads no hint.
+        MismatchError: the data set's hints or pictures are of another kind.
+        DatasetError: there is no such demonstration, or it lacks an observation.
+    """
+    hint = check_fits(policy, demos)
+    samples = load_samples(demos, [name], policy.training)
+    recurrent = policy.training.algorithm == "bc-rnn"
+    stride = policy.training.network.sequence if recurrent else 1
+    seen, _ = samples.batch(np.arange(0, len(samples), stride), policy.training, torch.device("cpu"), None)
+    with torch.inference_mode():
+        parts = _most_likely(policy.actor, seen)
+    if recurrent:  # (sequence, sequences, ...) to steps; the last sequence is padded
+        parts = [part.transpose(0, 1).flatten(0, 1) for part in parts]
+    weights, residual, probability, moves, flag = (part[: len(samples)].numpy() for part in parts)
+    return HintUse(name, hint.horizons, flag, moves, weights, residual, probability)
+
+
+def check_fits(policy: Policy, demos: Demonstrations) -> HintConfig:
+    """Check that a data set has what the policy's own had, hints above all, and give the policy's hint.
+
+    Raises:
+        InvalidValueError: the policy reads no hint.
+        MismatchError: the data set has no hints, hints of another kind, or pictures of another observation.
+    """
+    hint = policy.training.network.hint
+    if hint is None:
+        raise InvalidValueError(f"{policy.path} reads no hint, so there is nothing to see of one; give another policy")
+    labels, own = demos.label_settings, policy.config["labels"]
+    found = None if labels is None else _kind(labels)
+    wanted = None if own is None else _kind(own)
+    if found != wanted:
+        raise MismatchError(
+            f"{demos.path} has {found or 'no hints on record'}, but {policy.path} learned from "
+            f"{wanted or 'hints that `ocplanner label` did not make'}; give the data set that it was trained on"
+        )
+    shown, seen = (
+        (settings or {}).get("observe", "full") for settings in (demos.render_settings, policy.config["render"])
+    )
+    if policy.training.observation.cameras and shown != seen:
+        raise MismatchError(f"{demos.path} shows observe={shown}, but {policy.path} was trained on {seen}")
+    return hint
+
+
+def _kind(labels: Mapping[str, Any]) -> str:
+    settings = labels["settings"]
+    steps, origin = ", ".join(map(str, settings["horizon_steps"])), settings["hint_from"]
+    return f"hints {steps} steps ahead from the {origin} by planner {labels['planner_sha256'][:12]}"
+
+
+def _most_likely(actor: Actor, seen: Observation) -> list[Tensor]:
+    """Weights, residual and probability of the most likely mode; then the hint and its flag: each (..., as above)."""
+    if actor.hint is None or seen.hint is None:
+        raise MismatchError("the network reads no hint")
+    features, _ = actor.features(actor.encoder(seen), None)
+    residual, weights = actor.head(features), actor.hint.weights(features)
+    probability, mode = residual.logits.softmax(dim=-1).max(dim=-1)
+    return [
+        weights.take_along_dim(mode[..., None, None, None], dim=-3).squeeze(-3),
+        residual.means.take_along_dim(mode[..., None, None], dim=-2).squeeze(-2),
+        probability,
+        displacements(seen.hint, actor.hint.config),
+        seen.hint[..., -1] > 0.5,
+    ]
