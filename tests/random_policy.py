@@ -19,8 +19,10 @@ HELD = slice(30, 70)
 """Steps at which the labelled demonstrations have a hint."""
 
 
-def write_labelled(source: Path, path: Path, horizons: tuple[int, ...] = (5,), planner: str = "ab" * 32) -> Path:
-    """A copy of a data set with random hints, as ``ocplanner label`` would leave it."""
+def write_labelled(
+    source: Path, path: Path, horizons: tuple[int, ...] = (5,), planner: str = "ab" * 32, held: bool = True
+) -> Path:
+    """A copy of a data set with random hints, as ``ocplanner label`` would leave it; not ``held``: all off."""
     shutil.copy(source, path)
     settings = {"horizon_steps": list(horizons), "hint_from": "object"}
     rng = np.random.default_rng(0)
@@ -28,8 +30,9 @@ def write_labelled(source: Path, path: Path, horizons: tuple[int, ...] = (5,), p
         file["data"].attrs[LABEL_ATTRIBUTE] = json.dumps({"planner_sha256": planner, "settings": settings})
         for demo in file["data"].values():
             hint = np.zeros((len(demo["actions"]), 6 * len(horizons) + 1), dtype=np.float32)
-            hint[HELD] = rng.uniform(-0.5, 0.5, hint[HELD].shape)
-            hint[HELD, -1] = 1
+            span = HELD if held else slice(0)
+            hint[span] = rng.uniform(-0.5, 0.5, hint[span].shape)
+            hint[span, -1] = 1
             demo["obs/ocp_hint"] = hint
     return path
 

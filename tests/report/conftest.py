@@ -1,8 +1,15 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+
+from ocplanner.planner.config import to_dict
+from ocplanner.policies.result import Checkpoint, PolicyResult
+from ocplanner.transfer.result import Run
+from random_policy import random_training
 
 
 @pytest.fixture
@@ -64,3 +71,47 @@ def frames() -> np.ndarray:
     for i, image in enumerate(images):
         image[28:36, 4 * i : 4 * i + 8] = 40
     return images
+
+
+@pytest.fixture
+def write_evaluation(tmp_path):
+    """Writes an evaluation as ``ocplanner evaluate`` does: ``successes`` of 10 episodes for each checkpoint."""
+
+    def write(name: str, successes=(2, 6, 4), *, hint=None, seed=0, step=100, origin="object", **settings) -> Path:
+        training = to_dict(replace(random_training(hint=hint, seed=seed), **settings))
+        labels = None if hint is None else {"settings": {"horizon_steps": list(hint), "hint_from": origin}}
+        checkpoints = tuple(
+            Checkpoint(
+                step=step * (i + 1),
+                sha256=f"{name} {i}",
+                runs=tuple(Run(20000 + 10 * i + j, j < good, 150, None, None) for j in range(10)),
+            )
+            for i, good in enumerate(successes)
+        )
+        command, versions = "ocplanner evaluate --policy runs/bc", {"mujoco": "3.7.0"}
+        planner = None if hint is None else "cd" * 32
+        result = PolicyResult(
+            "Square", "Panda", training["algorithm"], training, labels, planner, 10, checkpoints, command, versions
+        )
+        return result.save(tmp_path / f"{name}.json")
+
+    return write
+
+
+@pytest.fixture
+def write_policy_run(tmp_path):
+    """Writes the run folder of a policy as training leaves it, without its weights."""
+
+    def write(name: str, hint=None, seed: int = 0) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        settings = to_dict(random_training(hint=hint, seed=seed)) | {"data": "360 steps, crc32 00000000"}
+        (folder / "config.yaml").write_text(yaml.safe_dump(settings))
+        rows = [
+            {"stage": "train", "step": 100 * i, "loss": -float(i), "valid_loss": i**4 - 3.0, "steps_per_second": 50.0}
+            for i in range(1, 5)
+        ]
+        (folder / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return folder
+
+    return write

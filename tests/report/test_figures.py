@@ -22,6 +22,13 @@ def test_episodes_of_one_seed_on_two_arms_keep_a_strip_each(tmp_path, frames):
     assert one.read_bytes() != other.read_bytes()
 
 
+def test_policies_have_charts_of_their_own(tmp_path, write_policy_run, write_evaluation):
+    write_policy_run("run")
+    write_evaluation("evaluation")
+    written = write_figures(find_sources([tmp_path]), tmp_path / "charts")
+    assert {path.stem for path in written} == {"policy_curves", "success_curves"}
+
+
 def test_only_what_is_there_is_drawn(tmp_path, write_run):
     written = write_figures(find_sources([write_run("h5")]), tmp_path / "charts")
     assert {path.stem for path in written} == {"loss_curves", "error_curves"}

@@ -1,3 +1,4 @@
+import json
 from html.parser import HTMLParser
 
 import pytest
@@ -135,6 +136,48 @@ def test_training_alone_makes_a_page(write_run):
     page = report(write_run("run"))
     assert "Planner training" in page.text
     assert not page.all("video")
+
+
+def test_policies_have_a_table_curves_and_pictures_of_their_hints(tmp_path, frames, write_policy_run, write_evaluation):
+    write_policy_run("hinted", hint=(5,))
+    write_policy_run("fresh", hint=(1,))
+    for seed in (0, 1):
+        write_evaluation(f"hint_{seed}", (2, 6), hint=(5,), seed=seed)
+    save_figure(film_strip(list(frames)), tmp_path / "figures" / "hint_use_hinted.png")
+    page = report(tmp_path)
+    for text in (
+        "Policies: Square on Panda", "k = 5 from the object", "0, 1", "60.0 ± 0.0", "40.0 ± 0.0", "26\N{EN DASH}55",
+        "not evaluated", "Success while they learn", "held-out loss", "ocplanner evaluate --policy runs/bc", "3.7.0",
+        "hint k = 1", "Configuration of hinted", "What they make of the hint",
+    ):  # fmt: skip
+        assert text in page.text
+    assert page.text.count("not evaluated") == 1
+    assert len(page.all("svg")) == 4
+    assert [attrs["alt"][:13] for attrs in page.all("img")] == ["What a policy"]
+    assert "Training the planner" not in page.text
+    assert "Plans" not in page.text
+    identifiers = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    assert len(identifiers) == len(set(identifiers))
+
+
+def test_policies_stand_beside_transfers(folder, write_policy_run, write_evaluation):
+    write_policy_run("policy")
+    write_evaluation("evaluation")
+    page = report(folder)
+    for text in ("Square on Sawyer", "Training the planner", "Policies", "training loss", "LSTM-VAE"):
+        assert text in page.text
+    assert "Policies: " not in page.text
+
+
+def test_names_in_evaluations_are_text_not_markup(tmp_path, write_evaluation):
+    hostile = "</style><script>alert(1)</script>"
+    path = write_evaluation("a")
+    content = json.loads(path.read_text()) | {"task": hostile, "robot": hostile, "command": hostile}
+    content["training"] |= {"algorithm": hostile}
+    path.write_text(json.dumps(content))
+    page = report(tmp_path)
+    assert not page.all("script")
+    assert hostile in page.text
 
 
 def test_results_without_failures_make_a_page(tmp_path, write_result):

@@ -72,13 +72,19 @@ def test_figures_are_written_by_name(demos, tmp_path):
     assert all(path.stat().st_size > 5000 for path in written)
 
 
-def test_two_planners_share_the_figure_of_the_frames_kept(demos, tmp_path, monkeypatch):
+def test_two_planners_share_the_figure_of_the_frames_kept(demos, tiny_square, tmp_path, monkeypatch):
     monkeypatch.setattr("ocplanner.planner.planner.Planner.load", lambda _: Recorded(demos))
     planners = [tmp_path / folder / "planner.safetensors" for folder in ("h5", "h20")]
-    written = draw_planners(planners, demos.path, tmp_path / "figures")
+    written = draw_planners(planners, [tiny_square(), demos.path], tmp_path / "figures")
     assert sorted(path.name for path in written) == [
         "latents_h20.png", "latents_h5.png", "plans_h20.png", "plans_h5.png", "segments_SquareNut.png",
     ]  # fmt: skip
+
+
+def test_a_planner_without_a_data_set_that_fits_is_an_error(demos, tiny_square, tmp_path, monkeypatch):
+    monkeypatch.setattr("ocplanner.planner.planner.Planner.load", lambda _: Recorded(demos))
+    with pytest.raises(MismatchError, match="no images of camera agentview"):
+        draw_planners([tmp_path / "h5.safetensors"], [tiny_square()], tmp_path / "figures")
 
 
 @pytest.mark.parametrize(

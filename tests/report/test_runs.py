@@ -90,3 +90,10 @@ def test_labels_say_in_what_runs_differ(write_run):
 
 def test_labels_of_equal_runs_fall_back_to_their_folders(write_run):
     assert run_labels([read_run(write_run("a")), read_run(write_run("b"))]) == ["a", "b"]
+
+
+def test_policies_are_labelled_by_what_they_are(write_run, write_policy_run):
+    runs = [read_run(write_policy_run("plain")), read_run(write_policy_run("hint", hint=(1, 5), seed=3))]
+    assert [run.of_policy for run in [*runs, read_run(write_run("planner"))]] == [True, True, False]
+    assert run_labels(runs) == ["no hint, seed 0", "hint k = 1, 5, seed 3"]
+    assert str(runs[0].policy_kind) == "BC, state, no hint"

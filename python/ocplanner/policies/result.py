@@ -1,11 +1,13 @@
 """What an evaluation of policies gives: every episode of every checkpoint, and the two numbers that papers report."""
 
-from dataclasses import asdict, dataclass
+import json
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ocplanner.errors import ResultFileError
 from ocplanner.evaluation.intervals import wilson
 from ocplanner.storage import atomic_json
 from ocplanner.transfer.result import Run
@@ -77,9 +79,14 @@ class PolicyResult:
         return max(checkpoint.rate for checkpoint in self.checkpoints)
 
     @property
+    def last_checkpoints(self) -> tuple[Checkpoint, ...]:
+        """The last five, or all if there are fewer."""
+        return self.checkpoints[-_LAST:]
+
+    @property
     def last_five(self) -> float:
         """Mean success rate of the last five checkpoints, or of all if there are fewer."""
-        return float(np.mean([checkpoint.rate for checkpoint in self.checkpoints[-_LAST:]]))
+        return float(np.mean([checkpoint.rate for checkpoint in self.last_checkpoints]))
 
     def to_json(self) -> dict[str, Any]:
         """The content of a result file."""
@@ -110,6 +117,28 @@ class PolicyResult:
             ],
         }
 
+    @classmethod
+    def load(cls, path: str | Path) -> "PolicyResult":
+        """Read a result file that :meth:`save` wrote.
+
+        Raises:
+            ResultFileError: it is missing, damaged, or no evaluation of a policy.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ResultFileError(f"cannot read {path}: {error}; evaluate the policy again") from error
+        try:
+            kept = {field.name: content[field.name] for field in fields(cls)}
+            checkpoints = tuple(_checkpoint(entry) for entry in kept.pop("checkpoints"))
+            if not checkpoints or any(not checkpoint.runs for checkpoint in checkpoints):
+                raise ValueError("a checkpoint without episodes")
+            return cls(**kept, checkpoints=checkpoints)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ResultFileError(
+                f"{path} is no evaluation of a policy, or is damaged: {error!r}; make one with `ocplanner evaluate`"
+            ) from error
+
     def save(self, path: str | Path) -> Path:
         """Write the result file, whole or not at all."""
         atomic_json(path, self.to_json())
@@ -129,3 +158,11 @@ class PolicyResult:
             last = min(_LAST, len(self.checkpoints))
             lines.append(f"best {100 * self.best:.1f} %, mean of the last {last} {100 * self.last_five:.1f} %")
         return "\n".join(lines)
+
+
+def _checkpoint(content: dict[str, Any]) -> Checkpoint:
+    runs = tuple(
+        Run(int(run["seed"]), bool(run["success"]), int(run["steps"]), None if run["success"] else "time-out", None)
+        for run in content["runs"]
+    )
+    return Checkpoint(int(content["step"]), str(content["sha256"]), runs)

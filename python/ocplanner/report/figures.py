@@ -5,6 +5,8 @@ from pathlib import Path
 from ocplanner.report.names import distinct_names
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.plots import error_curves, failure_matrix, loss_curves, success_rates
+from ocplanner.report.policy_curves import policy_curves, success_curves
+from ocplanner.report.policy_results import policy_cells
 from ocplanner.report.results import group_results
 from ocplanner.report.sources import Sources
 from ocplanner.report.style import save_figure
@@ -12,7 +14,7 @@ from ocplanner.report.video import read_video
 
 
 def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
-    """Write loss and error curves, success rates and failure classes as SVG and PNG, and a film strip of each video.
+    """Write curves of training and of success, success rates and failure classes as SVG and PNG, and film strips.
 
     Raises:
         ResultFileError: a video cannot be decoded.
@@ -20,8 +22,13 @@ def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     charts = {}
-    if sources.runs:
-        charts |= {"loss_curves": loss_curves(sources.runs), "error_curves": error_curves(sources.runs)}
+    if sources.planner_runs:
+        runs = sources.planner_runs
+        charts |= {"loss_curves": loss_curves(runs), "error_curves": error_curves(runs)}
+    if sources.policy_runs:
+        charts["policy_curves"] = policy_curves(sources.policy_runs)
+    if sources.evaluations:
+        charts["success_curves"] = success_curves(policy_cells(sources.evaluations))
     if sources.records:
         groups = group_results(sources.records)
         charts |= {"success_rates": success_rates(groups), "failure_matrix": failure_matrix(groups)}

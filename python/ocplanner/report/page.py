@@ -9,9 +9,11 @@ import jinja2
 import yaml
 from markupsafe import Markup
 
+from ocplanner.policies.result import PolicyResult
 from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
 from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
-from ocplanner.report.results import TransferGroup, failure_classes, group_results
+from ocplanner.report.policy_section import policy_section
+from ocplanner.report.results import TransferGroup, TransferRecord, failure_classes, group_results
 from ocplanner.report.runs import HeldOut, Run, run_labels
 from ocplanner.report.sources import Sources, find_sources
 from ocplanner.report.style import SERIES, page_colors, page_svg
@@ -20,11 +22,21 @@ from ocplanner.storage import atomic_write
 FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
     "latents": "Latent plans along demonstrations, by t-SNE; the colour is the time from grasp to release.",
+    "hint_use": "What a policy makes of the hint along a recorded demonstration, in its most likely mode.",
     "segments": "The frames of demonstrations that training keeps: from grasp to release.",
 }
 """What the figures that this package writes show, by the beginning of their file names."""
 
-_DRAWN_HERE = ("loss_curves", "error_curves", "success_rates", "failure_matrix", "film_strip")
+_HINT_USE = "hint_use"
+_DRAWN_HERE = (
+    "loss_curves",
+    "policy_curves",
+    "success_curves",
+    "error_curves",
+    "success_rates",
+    "failure_matrix",
+    "film_strip",
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +47,6 @@ class _Training:
     label: str
     color: int
     held_out: list[HeldOut]
-    config: str
 
 
 def write_report(
@@ -70,6 +81,7 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
     groups = sorted(group_results(sources.records), key=_rank)
     videos = [embed_video(path, sources.records) for path in sources.videos]
     shown = _pick(videos, most_videos)
+    figures = _figures(sources.figures)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("ocplanner.report", "."),
         autoescape=True,
@@ -87,14 +99,21 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
         videos=shown,
         videos_left_out=len(videos) - len(shown),
         strips=_strips(shown),
-        figures=_figures(sources.figures),
-        trainings=_trainings(sources.runs),
-        panels=_panels(sources.runs),
-        commands=list(dict.fromkeys(record.command for record in sources.records if record.command)),
+        figures=[figure for figure in figures if not figure["name"].startswith(_HINT_USE)],
+        hint_figures=[figure for figure in figures if figure["name"].startswith(_HINT_USE)],
+        policies=policy_section(sources),
+        trainings=_trainings(sources.planner_runs),
+        panels=_panels(sources.planner_runs),
+        configurations=[(run.name, yaml.safe_dump(dict(run.config), sort_keys=False)) for run in sources.runs],
+        commands=list(dict.fromkeys(record.command for record in _results(sources) if record.command)),
         versions=_versions(sources),
         planners=_planners(groups),
         patches=_patches(groups),
     )
+
+
+def _results(sources: Sources) -> list[TransferRecord | PolicyResult]:
+    return [*sources.records, *(record.result for record in sources.evaluations)]
 
 
 def _rank(group: TransferGroup) -> tuple[Any, ...]:
@@ -109,12 +128,13 @@ def _rank(group: TransferGroup) -> tuple[Any, ...]:
 
 
 def _title(sources: Sources) -> str:
-    tasks = list(dict.fromkeys(record.task for record in sources.records))
-    robots = list(dict.fromkeys(record.robot for record in sources.records))
+    results = sources.records or [record.result for record in sources.evaluations]
+    tasks = list(dict.fromkeys(result.task for result in results))
+    robots = list(dict.fromkeys(result.robot for result in results))
     if not tasks:
-        return "Planner training" if sources.runs else "ocplanner report"
+        return "Planner training" if sources.planner_runs else "Policy training" if sources.runs else "ocplanner report"
     listed = robots[0] if len(robots) == 1 else f"{', '.join(robots[:-1])} and {robots[-1]}"
-    return f"{' and '.join(tasks)} on {listed}"
+    return f"{'' if sources.records else 'Policies: '}{' and '.join(tasks)} on {listed}"
 
 
 def _pick(videos: list[EmbeddedVideo], most: int) -> list[EmbeddedVideo]:
@@ -152,7 +172,7 @@ def _figures(paths: Sequence[Path]) -> list[dict[str, str]]:
 
 def _trainings(runs: Sequence[Run]) -> list[_Training]:
     return [
-        _Training(run, label, i % len(SERIES), run.held_out(), yaml.safe_dump(dict(run.config), sort_keys=False))
+        _Training(run, label, i % len(SERIES), run.held_out())
         for i, (run, label) in enumerate(zip(runs, run_labels(runs)))
     ]
 
@@ -172,7 +192,7 @@ def _panels(runs: Sequence[Run]) -> list[Markup]:
 def _versions(sources: Sources) -> dict[str, str]:
     """Package -> versions; several if results differ."""
     found: dict[str, list[str]] = {}
-    for record in sources.records:
+    for record in _results(sources):
         for package, version in record.versions.items():
             if version not in found.setdefault(package, []):
                 found[package].append(version)

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,6 +15,7 @@ from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.planner.frames import future, split
+from ocplanner.report.fitting import first_fitting
 from ocplanner.report.names import distinct_names
 from ocplanner.report.overlays import plan_grid
 from ocplanner.report.plots import latent_map
@@ -101,23 +103,26 @@ def write_planner_figures(planner: PlansImages, demos: Demonstrations, folder: s
     return [save_figure(figure, Path(folder) / f"{kind}_{name}.png") for kind, figure in figures.items()]
 
 
-def draw_planners(planners: Sequence[Path], data: Path, folder: Path) -> list[Path]:
+def draw_planners(planners: Sequence[Path], data: Sequence[Path], folder: Path) -> list[Path]:
     """Load planner files and write each one's figures, and once for each object the frames kept of the data set.
 
-    Files in run folders are named after the folder.
+    Files in run folders are named after the folder. Each planner is drawn on the first data set that fits it.
 
     Raises:
         PlannerFileError: a file is damaged.
-        DatasetError, MismatchError: the data set does not fit a planner.
+        MismatchError: no data set fits a planner.
+        DatasetError: a data set is damaged.
     """
     from ocplanner.planner.planner import Planner
 
     names = distinct_names(planners, [planner_name(file) for file in planners])
     kept: dict[str, Path] = {}
     written = []
-    with Demonstrations(data) as demos:
+    with contextlib.ExitStack() as opened:
+        sets = [opened.enter_context(Demonstrations(path)) for path in data]
         for file, name in zip(planners, names):
             planner = Planner.load(file)
+            demos = first_fitting(sets, partial(_check, planner.config))
             written += write_planner_figures(planner, demos, folder, name)
             manipulated = str(planner.config["object"])
             if manipulated not in kept:

@@ -17,6 +17,7 @@ from ocplanner.report.runs import Run, run_labels
 from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
 
 _LINES = ("-", "--", "-.", ":")
+_FAR = 4
 LOSSES = (("vae", "LSTM-VAE, validation loss"), ("predictor", "Latent predictor, validation loss"))
 ERRORS = (
     ("ade_mm", "mean error (ADE), mm"),
@@ -30,8 +31,8 @@ def loss_curves(runs: Sequence[Run]) -> Figure:
     with styled():
         figure = new_figure(7.4, 2.9)
         for letter, axes, (stage, title) in zip("ab", figure.subplots(1, 2), LOSSES):
-            _curves(axes, runs, stage, "valid_loss", f"({letter}) {title}")
-        _shared_legend(figure)
+            run_curves(axes, runs, stage, "valid_loss", f"({letter}) {title}")
+        shared_legend(figure)
     return figure
 
 
@@ -40,8 +41,8 @@ def error_curves(runs: Sequence[Run]) -> Figure:
     with styled():
         figure = new_figure(7.4, 2.6)
         for axes, (value, title) in zip(figure.subplots(1, len(ERRORS)), ERRORS):
-            _curves(axes, runs, "predictor", value, title)
-        _shared_legend(figure)
+            run_curves(axes, runs, "predictor", value, title)
+        shared_legend(figure)
     return figure
 
 
@@ -49,11 +50,12 @@ def curve_panel(runs: Sequence[Run], stage: str, value: str, title: str) -> Figu
     """One panel of the figures above, without a legend: colours follow :data:`ocplanner.report.style.SERIES`."""
     with styled():
         figure = new_figure(3.6, 2.5)
-        _curves(figure.subplots(), runs, stage, value, title)
+        run_curves(figure.subplots(), runs, stage, value, title)
     return figure
 
 
-def _curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str) -> None:
+def run_curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str) -> None:
+    """One line a run; losses above zero, or that rise far above it, on a logarithmic scale."""
     drawn = False
     for i, (run, label) in enumerate(zip(runs, run_labels(runs))):
         steps, values = run.series(stage, value)
@@ -62,20 +64,37 @@ def _curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str)
             line = _LINES[i // len(SERIES) % len(_LINES)]
             axes.plot(steps, values, line, color=SERIES[i % len(SERIES)], label=label, marker=marker, markersize=4)
             drawn = True
-    axes.set(xlabel="training step", title=title)
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / 1000:g}k" if step >= 1000 else f"{step:g}"))
+    axes.set_title(title)
+    step_axis(axes)
     if not drawn:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=MUTED)
-    elif "loss" in value and all(np.min(line.get_ydata()) > 0 for line in axes.lines):
+    else:
+        _value_axis(axes, "loss" in value)
+
+
+def _value_axis(axes: Axes, loss: bool) -> None:
+    drawn = np.concatenate([np.asarray(line.get_ydata()) for line in axes.lines])
+    lowest, highest = float(drawn.min()), float(drawn.max())
+    if loss and lowest > 0:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda tick, _: f"{tick:g}" if f"{tick:.0e}"[0] in "25" else ""))
-    else:
+    elif loss and highest > -_FAR * lowest > 0:  # a likelihood that falls apart must not flatten what came before
+        axes.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(-lowest)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    elif lowest >= 0:
         axes.set_ylim(bottom=0)
 
 
-def _shared_legend(figure: Figure) -> None:
+def step_axis(axes: Axes) -> None:
+    """Training steps along x, thousands as k."""
+    axes.set_xlabel("training step")
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / 1000:g}k" if step >= 1000 else f"{step:g}"))
+
+
+def shared_legend(figure: Figure) -> None:
+    """One legend below the figure, if there is more than one line to tell apart."""
     entries = {}
     for axes in figure.axes:
         entries |= dict(zip(*reversed(axes.get_legend_handles_labels())))

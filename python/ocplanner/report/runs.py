@@ -10,10 +10,12 @@ import numpy as np
 import yaml
 
 from ocplanner.errors import ResultFileError
+from ocplanner.report.policy_results import PolicyKind, policy_kind
 
 METRICS = "metrics.jsonl"
 CONFIG = "config.yaml"
-_DISTINGUISHING = ("horizon", "outputs", "observe", "encoder", "seed")
+POLICY_STAGE = "train"
+_DISTINGUISHING = ("algorithm", "observations", "hint", "preset", "horizon", "outputs", "observe", "encoder", "seed")
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,23 @@ class Run:
         """The folder's name."""
         return self.folder.resolve().name
 
+    @property
+    def of_policy(self) -> bool:
+        """Whether it trained a policy; otherwise it trained a planner."""
+        return "algorithm" in self.config or any(row["stage"] == POLICY_STAGE for row in self.rows)
+
+    @property
+    def policy_kind(self) -> PolicyKind:
+        """What policy it trained."""
+        return policy_kind(self.config)
+
     def setting(self, key: str) -> str:
-        """A setting as text, looked up at the top of the configuration and in its network; "" if absent."""
+        """A setting as text, looked up at the top of the configuration and in its network; "" if absent.
+
+        Of a policy ``algorithm``, ``observations`` and ``hint`` are given in words.
+        """
+        if self.of_policy and key in ("algorithm", "observations", "hint"):
+            return getattr(self.policy_kind, "variant" if key == "hint" else key)
         value = self.config.get(key, (self.config.get("network") or {}).get(key, ""))
         return str(value.get("type", "") if isinstance(value, Mapping) else value)
 

@@ -1,0 +1,59 @@
+import json
+
+import numpy as np
+import pytest
+
+from ocplanner.errors import ResultFileError
+from ocplanner.evaluation.intervals import wilson
+from ocplanner.planner.config import to_dict
+from ocplanner.report.policy_results import PolicyKind, policy_cells, policy_kind, read_evaluation
+from random_policy import random_training
+
+
+def cells_of(*paths):
+    return policy_cells(read_evaluation(path) for path in paths)
+
+
+def test_policies_are_named_by_what_they_are(write_evaluation):
+    images = to_dict(random_training("bc-rnn", (1, 5), ("agentview",)))
+    assert policy_kind(images) == PolicyKind("BC-RNN", "image", "k = 1, 5")
+    kind = read_evaluation(write_evaluation("a", hint=(5,), origin="plan")).kind
+    assert str(kind) == "BC, state, hint k = 5 from the plan"
+    assert str(read_evaluation(write_evaluation("b")).kind) == "BC, state, no hint"
+
+
+def test_seeds_are_grouped_and_other_settings_are_not(write_evaluation):
+    paths = [write_evaluation(f"hint_{seed}", hint=(1,), seed=seed) for seed in (2, 0)]
+    paths += [write_evaluation("plain"), write_evaluation("faster", learning_rate=0.25)]
+    plain, faster, hinted = cells_of(*paths)
+    assert [record.seed for record in hinted.records] == [0, 2]
+    assert hinted.variant == "hint k = 1 from the object"
+    assert plain.variant == "no hint (learning_rate 0.0005)"
+    assert faster.variant == "no hint (learning_rate 0.25)"
+
+
+def test_an_evaluation_in_two_files_counts_once(write_evaluation, tmp_path):
+    path = write_evaluation("a")
+    copy = tmp_path / "copy.json"
+    copy.write_text(path.read_text())
+    (cell,) = cells_of(path, copy)
+    assert len(cell.records) == 1
+
+
+def test_the_numbers_of_a_cell(write_evaluation):
+    (cell,) = cells_of(write_evaluation("a", (2, 6, 4), seed=0), write_evaluation("b", (9, 3), seed=1, step=200))
+    np.testing.assert_allclose(cell.best, [0.6, 0.9])
+    np.testing.assert_allclose(cell.last_five, [0.4, 0.6])
+    steps, rates, intervals = cell.curve()
+    assert steps.tolist() == [200]  # the only step at which both were evaluated
+    np.testing.assert_allclose(rates, [0.75])
+    np.testing.assert_allclose(intervals, [wilson(15, 20)])
+
+
+def test_damage_is_an_error_that_names_the_file(write_evaluation):
+    path = write_evaluation("a", hint=(5,))
+    content = json.loads(path.read_text())
+    for change in ({"labels": {}}, {"training": {"network": [1]}}, {"checkpoints": []}):
+        path.write_text(json.dumps(content | change))
+        with pytest.raises(ResultFileError, match=r"a\.json"):
+            read_evaluation(path)
