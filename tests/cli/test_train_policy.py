@@ -18,7 +18,7 @@ def parsed(*flags: str) -> TrainPolicy:
 
 
 @pytest.mark.parametrize("name", ["cpu", "robomimic"])
-@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn", "bcq"])
 @pytest.mark.parametrize("kind", ["state", "image"])
 def test_the_defaults_are_the_preset(name, algorithm, kind):
     flags = ("--preset", name, "--algorithm", algorithm, "--observations", kind)
@@ -85,6 +85,7 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
     [
         (["--data", "absent.hdf5"], "no such file"),
         (["--data", "absent.hdf5", "--steps", "0"], "at least 1"),
+        (["--data", "absent.hdf5", "--algorithm", "bcq", "--hint"], "bcq reads no hint"),
         (["--data", "absent.hdf5", "--processes", "3"], "a batch of 100 cannot be shared evenly by 3 processes"),
         ([], "no data set is named; give --data"),
         (["--config", "absent.json"], "absent.json: cannot be read"),

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from ocplanner.planner.config import EncoderConfig
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
 from ocplanner.policies.observation import Observation
 
@@ -36,6 +37,9 @@ def small() -> Callable[..., PolicyTraining]:
         network = NetworkConfig(
             hidden=(32, 32), lstm_hidden=16, sequence=5, hint=None if hint is None else HintConfig(hint)
         )
+        if algorithm == "bcq":
+            bcq = BCQConfig((16, 16), vae_hidden=(16, 16), latent=4, proposals=3, rollout_proposals=8)
+            changes = {"bcq": bcq, **changes}
         changes = {"batch": 16, "steps": 20, "save_every": 10, "validate_every": 5, "checkpoint_every": 5, **changes}
         return replace(base, observation=observation, network=network, **changes)
 

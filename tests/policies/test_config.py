@@ -4,6 +4,7 @@ import pytest
 
 from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.planner.config import EncoderConfig, to_dict
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import (
     GmmConfig,
     HintConfig,
@@ -17,7 +18,7 @@ from ocplanner.policies.config import (
 EVERY = [
     (name, algorithm, kind)
     for name in ("cpu", "robomimic")
-    for algorithm in ("bc", "bc-rnn")
+    for algorithm in ("bc", "bc-rnn", "bcq")
     for kind in ("state", "image")
 ]
 
@@ -25,7 +26,8 @@ EVERY = [
 @pytest.mark.parametrize(("name", "algorithm", "kind"), EVERY)
 def test_presets_survive_a_file(name, algorithm, kind):
     config = preset(name, algorithm, kind)
-    config = replace(config, network=replace(config.network, hint=HintConfig((1, 5))))
+    if algorithm != "bcq":
+        config = replace(config, network=replace(config.network, hint=HintConfig((1, 5))))
     assert training_from_dict(to_dict(config)) == config
 
 
@@ -53,6 +55,48 @@ def test_the_robomimic_preset_is_the_published_one(algorithm):
     )
 
 
+def test_the_robomimic_preset_of_bcq_is_the_published_one():
+    """robomimic's ``modify_bcq_config_for_dataset`` for Proficient-Human data."""
+    state, image = (preset("robomimic", "bcq", kind) for kind in ("state", "image"))
+    for config in (state, image):
+        assert (config.learning_rate, config.weight_decay, config.schedule, config.clip) == (1e-4, 0, "constant", None)
+        assert (config.ema, config.warmup, config.mask, config.observation.normalise) == (0, 0, "train", False)
+    assert (state.steps, state.batch, state.save_every) == (2000 * 100, 100, 50 * 100)
+    assert (image.steps, image.batch, image.save_every) == (600 * 500, 16, 20 * 500)
+    published = BCQConfig(
+        critic_hidden=(300, 400),
+        critic_learning_rate=1e-4,
+        critics=2,
+        pessimism=0.75,
+        discount=0.99,
+        tau=5e-4,
+        proposals=10,
+        rollout_proposals=100,
+        vae_hidden=(300, 400),
+        latent=14,
+        kl_weight=0.05,
+    )
+    assert state.bcq == published
+    assert image.bcq == replace(published, critic_learning_rate=1e-3, vae_hidden=(1024, 1024))
+    assert image.observation == preset("robomimic", "bc", "image").observation
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"discount": 1.0}, r"discount 1.0 must lie in \[0, 1\)"),
+        ({"tau": 0.0}, "tau 0.0"),
+        ({"pessimism": 2}, "pessimism 2"),
+        ({"critic_learning_rate": 0.0}, "critic learning rate 0.0"),
+        ({"kl_weight": -1.0}, "KL weight -1.0"),
+        ({"proposals": 0}, "proposals and latent must be at least 1"),
+    ],
+)
+def test_impossible_settings_of_bcq(setting, message):
+    with pytest.raises(InvalidValueError, match=message):
+        BCQConfig(**setting)
+
+
 def test_unknown_keys_are_named():
     with pytest.raises(InvalidValueError, match=r"unknown NetworkConfig keys \['hiden'\]; known: .*'hidden'"):
         training_from_dict({"network": {"hiden": [3]}})
@@ -62,7 +106,7 @@ def test_unknown_keys_are_named():
     ("make", "error", "message"),
     [
         (lambda: preset("gpu"), UnknownNameError, "unknown preset 'gpu'; known: cpu, robomimic"),
-        (lambda: preset("cpu", "bcq"), UnknownNameError, "unknown algorithm 'bcq'; known: bc, bc-rnn"),
+        (lambda: preset("cpu", "iql"), UnknownNameError, "unknown algorithm 'iql'; known: bc, bc-rnn, bcq"),
         (lambda: PolicyTraining(learning_rate=float("nan")), InvalidValueError, "learning rate nan must be positive"),
         (lambda: PolicyTraining(batch=0), InvalidValueError, "at least 1"),
         (lambda: PolicyTraining(ema=1.0), InvalidValueError, "ema 1.0"),
@@ -72,6 +116,13 @@ def test_unknown_keys_are_named():
         (lambda: HintConfig(horizons=(1, 1)), InvalidValueError, "name each once"),
         (lambda: ObservationConfig(crop=85), InvalidValueError, "crop 85 must lie in 1..84"),
         (lambda: ObservationConfig(low_dim=()), InvalidValueError, "at least one observation"),
+        (lambda: PolicyTraining("bcq"), InvalidValueError, "bcq settings belong to the algorithm bcq alone"),
+        (lambda: PolicyTraining("bc", bcq=BCQConfig()), InvalidValueError, "bcq settings belong to the algorithm bcq"),
+        (
+            lambda: PolicyTraining("bcq", network=NetworkConfig(hint=HintConfig()), bcq=BCQConfig()),
+            InvalidValueError,
+            "bcq reads no hint",
+        ),
         (lambda: NetworkConfig(sequence=0), InvalidValueError, "sequence must be at least 1"),
     ],
 )

@@ -1,4 +1,5 @@
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -8,6 +9,7 @@ import torch
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError
 from ocplanner.policies.data import load_samples
+from ocplanner.policies.transitions import load_transitions
 
 CPU = torch.device("cpu")
 NAMES = ["demo_0", "demo_10"]
@@ -86,6 +88,61 @@ def test_the_digest_follows_the_numbers(changed, tiny_square, small):
         with Demonstrations(path) as demos:
             digests |= {load_samples(demos, names, small()).digest() for names in (NAMES, NAMES[:1], NAMES)}
     assert len(digests) == 4
+
+
+def with_transitions(path, config, names):
+    with Demonstrations(path) as demos:
+        return (
+            replace(load_samples(demos, names, config), transitions=load_transitions(demos, names, config)),
+            demos[names[-1]].observation("object"),
+            demos[names[-1]].rewards,
+        )
+
+
+@pytest.mark.parametrize("version", ["1.4.1", "1.5.1"])  # without and with next_obs
+def test_transitions_lead_to_the_next_step(tiny_square, small, version):
+    samples, recorded, rewards = with_transitions(tiny_square(version), small("bcq"), NAMES)
+    batch = samples.transition_batch(np.array([90 + 33, 179]), small("bcq"), CPU, None)
+    np.testing.assert_allclose(batch.observation.low_dim[0, :14], recorded[33], rtol=1e-6)
+    np.testing.assert_allclose(batch.next_observation.low_dim[0, :14], recorded[34], rtol=1e-6)
+    np.testing.assert_allclose(batch.next_observation.low_dim[1, :14], recorded[89], rtol=1e-6)
+    assert batch.rewards.tolist() == [rewards[33], rewards[89]] == [0, 1]
+    assert batch.dones.tolist() == [0, 1]
+
+
+def test_the_files_next_observations_are_used(changed, small):
+    """What was seen after the last step is there alone; and numbers are taken as they stand."""
+
+    def add(demo):
+        demo["next_obs/object"] = demo["obs/object"][:] + 5
+        demo["next_obs/agentview_image"] = np.full((90, 84, 84, 3), 255, np.uint8)
+
+    config = small("bcq", cameras=("agentview",))
+    path = changed(add, images=True)
+    samples, recorded, _ = with_transitions(path, config, NAMES)
+    rows = np.array([90 + 33, 179, 89])
+    batch = samples.transition_batch(rows, config, CPU, np.random.default_rng(0))
+    np.testing.assert_allclose(batch.next_observation.low_dim[0, :14], recorded[33] + 5, rtol=1e-6)
+    images = batch.next_observation.images["agentview"]
+    assert bool((images[1:] == 1).all())
+    following = samples.batch(rows + np.array([1, 0, 0]), config, CPU, None)[0].images["agentview"]
+    assert torch.equal(images[0], following[0])
+
+
+def test_next_observations_that_do_not_fit_are_refused(changed, small):
+    def add(demo):
+        demo["next_obs/object"] = demo["obs/object"][:, :-1]
+
+    with pytest.raises(DatasetError, match=r"demo_0/next_obs/object: expected finite numbers of shape \(90, 14\)"):
+        with_transitions(changed(add), small("bcq"), NAMES)
+    with pytest.raises(DatasetError, match="rewards"):
+        with_transitions(changed(lambda demo: demo.pop("rewards")), small("bcq"), NAMES)
+
+
+def test_the_digest_follows_what_comes_after(changed, tiny_square, small):
+    paths = [tiny_square(), changed(put("rewards", 3, 0.5))]
+    assert len({with_transitions(path, small("bcq"), NAMES)[0].digest() for path in paths}) == 2
+    assert len({with_transitions(path, small("bc"), NAMES)[0].actions.sum().item() for path in paths}) == 1
 
 
 def put(key, place, value):

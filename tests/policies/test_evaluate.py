@@ -38,6 +38,12 @@ def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
     assert not (tmp_path / "out.json.journal").exists()
 
 
+def test_bcq_is_evaluated_as_the_others_are(tiny_square, tmp_path, small):
+    folder = train_policy(small("bcq", steps=10), tiny_square(), tmp_path / "run").parent
+    result = short(folder)
+    assert (result.algorithm, [run.steps for run in result.checkpoints[0].runs]) == ("bcq", [3, 3])
+
+
 def test_workers_change_nothing(run_folder):
     assert short(run_folder, workers=2).checkpoints == short(run_folder).checkpoints
 

@@ -65,6 +65,24 @@ def test_the_memory_lasts_as_long_as_a_training_sequence(saved):
         assert np.abs(action[:, None] - means[t]).max(-1).min(-1).max() < 1e-3
 
 
+def test_bcq_takes_of_its_proposals_the_one_that_its_first_critic_values_most(saved):
+    path, actor = saved("bcq")
+    policy = Policy.load(path)
+    observation = seen()
+    policy.reset(4)
+    action = policy.act(observation)
+    rows = torch.from_numpy(np.concatenate(list(observation.values()), axis=1).astype(np.float32))
+    shown = Observation(rows, {}, None)
+    noise = torch.randn(2, 8, 4, generator=torch.Generator().manual_seed(4))
+    proposals = actor.vae.propose(shown, noise)
+    values = actor.critics.values(shown, proposals)[0]
+    for i in range(2):
+        np.testing.assert_array_equal(action[i], proposals[i, values[i].argmax()].detach().numpy())
+    policy.reset(4)
+    np.testing.assert_array_equal(policy.act(observation), action)
+    assert not np.array_equal(policy.act(observation), action)
+
+
 def test_images_and_hints_are_read(saved):
     policy = Policy.load(saved("bc-rnn", cameras=("agentview",), hint=(1,))[0])
     assert policy.observation_keys == (*WIDTHS, "agentview_image", "ocp_hint")

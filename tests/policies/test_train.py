@@ -8,13 +8,14 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ocplanner.demos.dataset import LABEL_ATTRIBUTE
+from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
 from ocplanner.errors import MismatchError, OutputError, TrainingError
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies import train
 from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
+from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import rate, train_policy
 from ocplanner.storage import locked
 
@@ -64,7 +65,10 @@ def test_losses_fall(tiny_square, tmp_path, small, algorithm):
 
 
 @pytest.mark.parametrize("ema", [0.0, 0.9])
-@pytest.mark.parametrize(("algorithm", "cameras"), [("bc", ()), ("bc-rnn", ()), ("bc", ("agentview",))])
+@pytest.mark.parametrize(
+    ("algorithm", "cameras"),
+    [("bc", ()), ("bc-rnn", ()), ("bc", ("agentview",)), ("bcq", ()), ("bcq", ("agentview",))],
+)
 def test_a_killed_training_continues_to_the_same_weights(
     tiny_square, tmp_path, monkeypatch, small, algorithm, cameras, ema
 ):
@@ -87,10 +91,39 @@ def test_a_killed_training_continues_to_the_same_weights(
     for name in ("policy.safetensors", "policies/step_0000010.safetensors", "policies/step_0000020.safetensors"):
         assert differing(tmp_path / "whole" / name, tmp_path / "killed" / name) == set()
     assert differing(whole, resumed) == set()
-    losses = [
-        [(row["step"], row["loss"], row["valid_loss"]) for row in RunFolder(p.parent).rows()] for p in (whole, resumed)
+    timing = {"seconds", "steps_per_second"}
+    seen = [
+        [{key: row[key] for key in row.keys() - timing} for row in RunFolder(p.parent).rows()] for p in (whole, resumed)
     ]
-    assert losses[0] == losses[1]
+    assert seen[0] == seen[1]
+
+
+def test_bcq_learns_which_actions_were_rewarded(tiny_square, tmp_path, small):
+    """One step of reward for actions to the right: the policy then goes right, though half of the data went left."""
+    data = tmp_path / "rewarded.hdf5"
+    shutil.copy(tiny_square(), data)
+    rng = np.random.default_rng(0)
+    with h5py.File(data, "a") as file:
+        for demo in file["data"].values():
+            right = rng.random(len(demo["actions"])) < 0.5
+            demo["actions"][:] = np.where(right, 0.7, -0.7)[:, None] + rng.normal(0, 0.02, demo["actions"].shape)
+            demo["rewards"][:], demo["dones"][:] = right, 1
+    config = small("bcq", steps=600, validate_every=100, save_every=600, learning_rate=3e-3)
+    config = replace(config, bcq=replace(config.bcq, critic_learning_rate=3e-3, kl_weight=0.01))
+    path = train_policy(config, data, tmp_path / "run")
+    rows = RunFolder(tmp_path / "run").rows()
+    for name in ("vae_reconstruction", "critic_loss", "valid_vae_reconstruction", "valid_critic_loss"):
+        assert rows[-1][name] < 0.5 * rows[0][name], name
+    assert rows[-1]["kl"] > 0.1
+    assert 0.3 < rows[-1]["valid_mean_q"] < 0.7  # half of the actions are worth 1, the others 0
+    policy = Policy.load(path)
+    with Demonstrations(data) as demos:
+        demo = demos["demo_2"]
+        q, right = q_values(policy, demos, "demo_2"), demo.rewards == 1
+        assert q.shape == (2, demo.length)
+        assert q[:, right].min() > q[:, ~right].max()
+        seen = {key: demo.observation(key) for key in policy.observation_keys}
+        assert (policy.act(seen)[:, 0] > 0.4).mean() > 0.9
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
@@ -138,8 +171,9 @@ def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch,
     assert all(torch.equal(first[name], second[name]) for name in first)
 
 
-def test_two_processes_train_as_one_does(tiny_square, tmp_path, small):
-    config = small("bc-rnn", hint=None, schedule="constant", warmup=0, steps=10, save_every=10)
+@pytest.mark.parametrize("algorithm", ["bc-rnn", "bcq"])
+def test_two_processes_train_as_one_does(tiny_square, tmp_path, small, algorithm):
+    config = small(algorithm, hint=None, schedule="constant", warmup=0, steps=10, save_every=10)
     one = load_file(train_policy(config, tiny_square(), tmp_path / "one"))
     two = load_file(train_policy(config, tiny_square(), tmp_path / "two", processes=2))
     for name, value in one.items():
@@ -167,6 +201,15 @@ def test_a_loss_that_is_not_finite_names_step_and_batch(tiny_square, tmp_path, m
     monkeypatch.setattr(Samples, "batch", batch)
     with pytest.raises(TrainingError, match=r"loss is nan at step 8, batch: demo_\d+ step \d+, .* and 12 more; lower"):
         train_policy(small(), tiny_square(), tmp_path / "run")
+
+
+def test_a_critic_that_runs_away_is_named(tiny_square, tmp_path, small):
+    data = tmp_path / "rewarded.hdf5"
+    shutil.copy(tiny_square(), data)
+    with h5py.File(data, "a") as file:
+        file["data/demo_0/rewards"][:] = 1e30  # its square is beyond a float32
+    with pytest.raises(TrainingError, match=r"the loss is inf at step 1, batch: demo_\d+ step \d+"):
+        train_policy(small("bcq"), data, tmp_path / "run")
 
 
 def test_another_configuration_or_other_data_in_the_folder_is_refused(tiny_square, tmp_path, small):

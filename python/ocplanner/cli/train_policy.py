@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainPolicy:
-    """Train a policy by imitation; run the same command again to continue after a stop."""
+    """Train a policy from recordings; run the same command again to continue after a stop."""
 
     run_folder: Annotated[Path, tyro.conf.arg(name="run")]
     """Run folder: config.yaml, metrics.jsonl, TensorBoard events, checkpoints, policies/ and policy.safetensors."""
@@ -34,7 +34,8 @@ class TrainPolicy:
     config: Path | None = None
     """Robomimic JSON configuration (algo_name: bc) in place of a preset; other flags override it."""
     algorithm: Algorithm | None = None
-    """bc (the default): the last observation decides. bc-rnn: an LSTM remembers."""
+    """bc (the default): the last observation decides. bc-rnn: an LSTM remembers. bcq: learns from rewards, which
+    `ocplanner label --reward` makes dense."""
     preset: Preset | None = None
     """cpu (the default): small networks, under an hour on one or two cores. robomimic: published hyperparameters."""
     observations: ObservationKind | None = None
@@ -56,7 +57,7 @@ class TrainPolicy:
     batch: int | None = None
     """Samples or sequences a step instead of the preset's, over all processes together."""
     learning_rate: float | None = None
-    """Instead of the preset's."""
+    """Instead of the preset's; of bcq its action VAE's."""
     ema: float | None = None
     """Decay of the averaged weights that become the policy instead of the preset's; 0: off."""
     save_every: int | None = None

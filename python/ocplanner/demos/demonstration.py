@@ -111,6 +111,17 @@ class Demonstration:
             raise self._error(f"obs/{key}", "no such observation", f"there are: {known}")
         return self._read(f"obs/{key}", rows=rows)
 
+    def next_observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """``next_obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
+
+        Raises:
+            DatasetError: no such observation; the message lists those there are.
+        """
+        if key not in self.next_observation_keys:
+            known = ", ".join(self.next_observation_keys) or "none"
+            raise self._error(f"next_obs/{key}", "no such observation", f"there are: {known}")
+        return self._read(f"next_obs/{key}", rows=rows)
+
     def images(self, camera: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """(T, h, w, 3) uint8, upright.
 

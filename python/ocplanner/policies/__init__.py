@@ -1,1 +1,1 @@
-"""Policies learned by imitation, with or without the plan as a hint: BC and BC-RNN with a Gaussian mixture head."""
+"""Policies: BC and BC-RNN with a Gaussian mixture head, with or without the plan as a hint, and BCQ."""

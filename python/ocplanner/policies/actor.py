@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from ocplanner.errors import MismatchError
@@ -47,6 +48,13 @@ class Actor(nn.Module):
                 raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
             mixture = self.hint(mixture, features, observation.hint)
         return mixture, memory
+
+    def act(
+        self, observation: Observation, memory: Memory | None, generator: torch.Generator
+    ) -> tuple[Tensor, Memory | None]:
+        """(..., A) actions drawn from the mixture, and the memory after the last step."""
+        mixture, memory = self.distribution(observation, memory)
+        return mixture.sample(self.config.network.gmm.low_noise, generator), memory
 
     def forward(self, observation: Observation, actions: Tensor) -> Tensor:
         """Mean negative log-likelihood of recorded actions (..., A), padded steps included as in robomimic."""

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ocplanner.planner.config import EncoderConfig
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.settings import build, require, require_choice
 
-Algorithm = Literal["bc", "bc-rnn"]
+Algorithm = Literal["bc", "bc-rnn", "bcq"]
 ObservationKind = Literal["state", "image"]
 Preset = Literal["cpu", "robomimic"]
 StdActivation = Literal["softplus", "exp"]
@@ -110,9 +111,12 @@ class PolicyTraining:
     preset: Preset = "cpu"
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
+    """BC and BC-RNN."""
+    bcq: BCQConfig | None = None
+    """BCQ: its networks and targets; None for the others."""
     steps: int = 200_000
     batch: int = 100
-    """Samples (BC) or sequences (BC-RNN) a step, over all processes together."""
+    """Samples (BC, BCQ) or sequences (BC-RNN) a step, over all processes together."""
     learning_rate: float = 1e-4
     weight_decay: float = 0.0
     schedule: Schedule = "constant"
@@ -137,6 +141,8 @@ class PolicyTraining:
         require_choice("algorithm", self.algorithm, Algorithm)
         require_choice("preset", self.preset, Preset)
         require_choice("schedule", self.schedule, Schedule)
+        require((self.algorithm == "bcq") == (self.bcq is not None), "bcq settings belong to the algorithm bcq alone")
+        require(self.bcq is None or self.network.hint is None, "bcq reads no hint; choose bc or bc-rnn, or no hint")
         intervals = (self.save_every, self.validate_every, self.checkpoint_every)
         require(min(self.steps, self.batch, self.threads, *intervals) >= 1, "steps, batch, intervals: at least 1")
         require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
@@ -151,7 +157,7 @@ def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "stat
 
     Args:
         name: of the preset.
-        algorithm: ``bc`` or ``bc-rnn``.
+        algorithm: ``bc``, ``bc-rnn`` or ``bcq``.
         kind: ``state`` (low-dimensional observations with the object's pose) or ``image`` (proprioception and cameras).
 
     Raises:
@@ -164,14 +170,16 @@ def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "stat
 
 
 def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
+    bcq = algorithm == "bcq"
     if kind == "state":
-        return PolicyTraining(algorithm, "robomimic", steps=200_000, batch=100)
+        return PolicyTraining(algorithm, "robomimic", bcq=BCQConfig() if bcq else None, steps=200_000, batch=100)
     resnet = EncoderConfig(type="resnet18", pool="spatial_softmax", keypoints=32, feature=64, feature_relu=True)
     return PolicyTraining(
         algorithm,
         "robomimic",
         ObservationConfig(PROPRIOCEPTION, CAMERAS, encoder=resnet),
         NetworkConfig(lstm_hidden=1000),
+        BCQConfig(critic_learning_rate=1e-3, vae_hidden=(1024, 1024)) if bcq else None,
         steps=300_000,
         batch=16,
         save_every=10_000,
@@ -181,6 +189,8 @@ def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
 def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     rnn = algorithm == "bc-rnn"
     state = kind == "state"
+    if algorithm == "bcq":
+        return _cpu_bcq(state)
     steps = (30_000 if rnn else 100_000) if state else (12_000 if rnn else 20_000)
     return PolicyTraining(
         algorithm,
@@ -198,6 +208,25 @@ def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     )
 
 
+def _cpu_bcq(state: bool) -> PolicyTraining:
+    steps = 100_000 if state else 12_000
+    return PolicyTraining(
+        "bcq",
+        "cpu",
+        ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
+        # Fewer steps: faster targets, so that values still travel from the end of an episode to its start.
+        bcq=BCQConfig(critic_learning_rate=5e-4, tau=5e-3),
+        steps=steps,
+        batch=100 if state else 64,
+        learning_rate=5e-4,
+        schedule="cosine",
+        warmup=200,
+        clip=10.0,
+        ema=0.999,
+        save_every=steps // 10,
+    )
+
+
 def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
     """The inverse of :func:`ocplanner.planner.config.to_dict` for :class:`PolicyTraining`.
 
@@ -206,8 +235,9 @@ def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
     """
     values = dict(values)
     observation, network = dict(values.pop("observation", {})), dict(values.pop("network", {}))
-    hint = network.pop("hint", None)
+    hint, bcq = network.pop("hint", None), values.pop("bcq", None)
     parts = {
+        "bcq": None if bcq is None else build(BCQConfig, bcq),
         "observation": build(
             ObservationConfig, observation | {"encoder": build(EncoderConfig, observation.pop("encoder", {}))}
         ),

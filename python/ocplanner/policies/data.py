@@ -1,4 +1,4 @@
-"""Demonstrations in memory, and the batches that imitation learns from."""
+"""Demonstrations in memory, and the batches that policies learn from."""
 
 import zlib
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from ocplanner.errors import DatasetError
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.hint import HINT_KEY
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
+from ocplanner.policies.transitions import TransitionBatch, Transitions
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Samples:
         images: camera -> (N, h, w, 3) uint8.
         hint: (N, 6 K + 1) float32, or None.
         actions: (N, A) float32.
+        transitions: what follows each step, for algorithms that learn from rewards, else None.
     """
 
     names: tuple[str, ...]
@@ -37,6 +39,7 @@ class Samples:
     images: dict[str, np.ndarray]
     hint: Tensor | None
     actions: Tensor
+    transitions: Transitions | None = None
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -67,6 +70,34 @@ class Samples:
         hint = None if self.hint is None else self.hint[index].to(device)
         return Observation(self.low_dim[index].to(device), images, hint), self.actions[index].to(device)
 
+    def transition_batch(
+        self, rows: np.ndarray, config: PolicyTraining, device: torch.device, rng: np.random.Generator | None
+    ) -> TransitionBatch:
+        """The steps and what follows them; arguments as for :meth:`batch`.
+
+        Raises:
+            DatasetError: the transitions have not been read.
+        """
+        after = self.transitions
+        if after is None:
+            raise DatasetError("these samples were read without what follows them")
+        observation, actions = self.batch(rows, config, device, rng)
+        index = torch.from_numpy(rows)
+        images = {name: cropped(self._after(name, rows, after), config.observation.crop, None) for name in self.images}
+        following = Observation(
+            after.next_low_dim[index].to(device), {name: image.to(device) for name, image in images.items()}, None
+        )
+        return TransitionBatch(
+            observation, actions, after.rewards[index].to(device), after.dones[index].to(device), following
+        )
+
+    def _after(self, camera: str, rows: np.ndarray, after: Transitions) -> np.ndarray:
+        """(B, h, w, 3) pictures after the steps."""
+        pictures = self.images[camera][np.minimum(rows + 1, self.last[rows])]
+        ends = rows == self.last[rows]
+        pictures[ends] = after.last_images[camera][self.demonstration[rows[ends]]]
+        return pictures
+
     def named(self, rows: np.ndarray, most: int = 4) -> str:
         """Which steps these are, for people."""
         shown = [f"{self.names[demo]} step {row - self._first(row)}" for row, demo in self._pairs(rows[:most])]
@@ -82,6 +113,7 @@ class Samples:
         """Changes when a number that is trained on changes."""
         arrays = [self.low_dim.numpy(), self.actions.numpy(), *self.images.values()]
         arrays += [] if self.hint is None else [self.hint.numpy()]
+        arrays += [] if self.transitions is None else self.transitions.arrays()
         value = zlib.crc32(" ".join(self.names).encode())
         for array in arrays:
             value = zlib.crc32(np.ascontiguousarray(array).data, value)

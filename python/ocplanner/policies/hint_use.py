@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
@@ -129,9 +129,9 @@ def _kind(labels: Mapping[str, Any]) -> str:
     return f"hints {steps} steps ahead from the {origin} by planner {labels['planner_sha256'][:12]}"
 
 
-def _most_likely(actor: Actor, seen: Observation) -> list[Tensor]:
+def _most_likely(actor: nn.Module, seen: Observation) -> list[Tensor]:
     """Weights, residual and probability of the most likely mode; then the hint and its flag: each (..., as above)."""
-    if actor.hint is None or seen.hint is None:
+    if not isinstance(actor, Actor) or actor.hint is None or seen.hint is None:
         raise MismatchError("the network reads no hint")
     features, _ = actor.features(actor.encoder(seen), None)
     residual, weights = actor.head(features), actor.hint.weights(features)

@@ -5,12 +5,13 @@ import torch
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.bc import BC
 from ocplanner.policies.bc_rnn import BCRNN
+from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.config import PolicyTraining
 
-ALGORITHMS: dict[str, type[BC] | type[BCRNN]] = {"bc": BC, "bc-rnn": BCRNN}
+ALGORITHMS: dict[str, type[BC] | type[BCRNN] | type[BCQ]] = {"bc": BC, "bc-rnn": BCRNN, "bcq": BCQ}
 
 
-def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor:
+def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor | BCQ:
     """The network with its first weights, which depend on the configuration's seed alone.
 
     Args:

@@ -59,6 +59,13 @@ class ObservationEncoder(nn.Module):
         return torch.cat(parts, dim=-1) if len(parts) > 1 else parts[0]
 
 
+def fit_encoders(network: nn.Module, low_dim: Tensor) -> None:
+    """Let every observation encoder of a network take the statistics of (N, D) training numbers."""
+    for module in network.modules():
+        if isinstance(module, ObservationEncoder):
+            module.fit(low_dim)
+
+
 def cropped(images: np.ndarray, crop: int, rng: np.random.Generator | None) -> Tensor:
     """(..., 3, crop, crop) float32 in [0, 1] from (..., h, w, 3) uint8.
 

@@ -12,10 +12,10 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
-from ocplanner.policies.actor import Actor, Memory
+from ocplanner.policies.actor import Memory
 from ocplanner.policies.config import training_from_dict
 from ocplanner.policies.hint import HINT_KEY
 from ocplanner.policies.network import make_actor
@@ -25,7 +25,7 @@ from ocplanner.storage import atomic_write
 FORMAT = 1
 
 
-def save_policy(actor: Actor, description: Mapping[str, Any], path: Path) -> None:
+def save_policy(actor: nn.Module, description: Mapping[str, Any], path: Path) -> None:
     """Write a policy file atomically.
 
     Args:
@@ -88,7 +88,7 @@ class Policy:
             ) from error
 
     def reset(self, seed: int) -> None:
-        """Begin an episode: forget what was seen, and draw modes from this seed."""
+        """Begin an episode: forget what was seen, and draw actions from this seed."""
         self._memory: Memory | None = None
         self._steps = 0
         self._generator = torch.Generator().manual_seed(seed)
@@ -96,7 +96,8 @@ class Policy:
     def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Draw actions, clipped to [-1, 1].
 
-        BC-RNN forgets after as many steps as its training sequences have, as robomimic's does.
+        BC-RNN forgets after as many steps as its training sequences have, as robomimic's does. BCQ draws as many as its
+        configuration says and gives the one that its first critic values most.
 
         Args:
             observation: for each of ``observation_keys`` an array (B, d), or (B, h, w, 3) uint8 for a camera.
@@ -115,8 +116,8 @@ class Policy:
                 if self._steps % self.training.network.sequence == 0:
                     self._memory = None
                 seen = _one_step(seen)
-            mixture, self._memory = self.actor.distribution(seen, self._memory)
-            actions = mixture.sample(self.training.network.gmm.low_noise, self._generator)
+            # The memory, None included, is the same network's own.
+            actions, self._memory = self.actor.act(seen, self._memory, self._generator)  # type: ignore[arg-type]
         self._steps += 1
         return (actions[0] if recurrent else actions).clamp(-1, 1).numpy()
 

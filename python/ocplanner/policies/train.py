@@ -8,6 +8,7 @@ import math
 import os
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,18 +22,23 @@ from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.planner.config import to_dict
-from ocplanner.planner.optimisation import BatchOrder, Optimisation
+from ocplanner.planner.optimisation import BatchOrder
 from ocplanner.planner.progress import Progress
 from ocplanner.planner.run_folder import RunFolder
+from ocplanner.policies.bcq import BCQ
+from ocplanner.policies.bcq_learning import BatchConstrainedQ
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples, load_samples
+from ocplanner.policies.imitation import Imitation
+from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_actor
+from ocplanner.policies.observation import fit_encoders
 from ocplanner.policies.policy import save_policy
+from ocplanner.policies.transitions import load_transitions
 from ocplanner.storage import locked
 from ocplanner.versions import installed
 
 STAGE = "train"
-_VALID_BATCH = 256
 
 
 class Recorded(NamedTuple):
@@ -128,9 +134,9 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
     with Demonstrations(data) as demos:
         _check_horizons(demos, config)
         names = list(demos.names) if config.mask is None else demos.mask(config.mask)
-        train = load_samples(demos, names, config)
+        train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
-        valid = load_samples(demos, held_out, config) if held_out else None
+        valid = _load(demos, held_out, config) if held_out else None
         about = {
             "task": demos.task_name,
             "environment": demos.env_name,
@@ -139,10 +145,18 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             **_actions(demos),
             "render": demos.render_settings,
             "labels": None if config.network.hint is None else demos.label_settings,
+            "rewards": None if config.bcq is None else demos.label_settings,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],
         }
         return Recorded(train, valid, about)
+
+
+def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:
+    samples = load_samples(demos, names, config)
+    if config.bcq is None:
+        return samples
+    return replace(samples, transitions=load_transitions(demos, names, config))
 
 
 def _actions(demos: Demonstrations) -> dict[str, Any]:
@@ -167,24 +181,18 @@ def _check_horizons(demos: Demonstrations, config: PolicyTraining) -> None:
         )
 
 
-def rate(config: PolicyTraining, step: int) -> float:
-    """The learning rate of a step: linear warm-up, then constant or a cosine to zero at the last step."""
-    warm = min(1.0, (step + 1) / max(1, config.warmup))
-    decay = 1.0 if config.schedule == "constant" else 0.5 * (1 + math.cos(math.pi * step / config.steps))
-    return config.learning_rate * warm * decay
-
-
 class _Training:
     def __init__(self, fabric: Fabric, config: PolicyTraining, recorded: Recorded, folder: RunFolder) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = Progress()
         actor = make_actor(config, recorded.about["low_dim"], recorded.about["actions"])
-        actor.encoder.fit(recorded.train.low_dim)
+        fit_encoders(actor, recorded.train.low_dim)
         if config.observation.cameras:
             actor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.actor = actor.to(fabric.device)
-        self.parallel = fabric.setup_module(self.actor)
-        self.optimisation = Optimisation(self.actor, config, lambda step: rate(config, step), config.clip)
+        actor.to(fabric.device)
+        self.learner: Learner = (
+            BatchConstrainedQ(fabric, config, actor) if isinstance(actor, BCQ) else Imitation(fabric, config, actor)
+        )
         self.seconds = 0.0
 
     @property
@@ -194,19 +202,19 @@ class _Training:
     def run(self) -> Path:
         first = self._resume()
         order = BatchOrder(len(self.recorded.train), self.config.batch, (self.config.seed, 0))
-        losses: list[float] = []
+        seen: list[dict[str, float]] = []
         started, since = time.monotonic() - self.seconds, (first, time.monotonic())
         with self.progress.bar(self.config.algorithm if self.first else "", self.config.steps, first) as advance:
             for step in range(first, self.config.steps):
-                losses.append(self._step(order.rows(step), step))
-                advance(losses[-1])
+                seen.append(self._step(order.rows(step), step))
+                advance(seen[-1]["loss"])
                 done = step + 1
                 last = done == self.config.steps
                 self.seconds = time.monotonic() - started
                 if last or done % self.config.validate_every == 0:
                     speed = (done - since[0]) / (time.monotonic() - since[1])
-                    self._report(done, float(np.mean(losses)), speed)
-                    losses.clear()
+                    self._report(done, {name: float(np.mean([row[name] for row in seen])) for name in seen[0]}, speed)
+                    seen.clear()
                     since = (done, time.monotonic())
                 if last or done % self.config.save_every == 0:
                     self._save_policy(self.folder.path / "policies" / f"step_{done:07d}.safetensors", done)
@@ -218,37 +226,33 @@ class _Training:
 
     # -- one step --------------------------------------------------------------------------------------------------
 
-    def _step(self, rows: np.ndarray, step: int) -> float:
-        fabric, train = self.fabric, self.recorded.train
-        rng = np.random.default_rng([self.config.seed, 1, step, fabric.global_rank])
-        share = rows[fabric.global_rank :: fabric.world_size]
-        observation, actions = train.batch(share, self.config, fabric.device, rng)
-        self.actor.train()
-        loss = self.parallel(observation, actions)
-        value = loss.detach()
-        if fabric.world_size > 1:
-            value = fabric.all_reduce(value, reduce_op="mean")
-        value = float(value)  # type: ignore[arg-type]
-        if not math.isfinite(value):
-            raise TrainingError(
-                f"the loss is {value} at step {step + 1}, batch: {train.named(rows)}; lower the learning rate "
-                f"({self.config.learning_rate:g}), or look for damaged numbers in these demonstrations"
-            )
-        self.optimisation.step(loss, step, fabric.backward)
-        return value
+    def _step(self, rows: np.ndarray, step: int) -> dict[str, float]:
+        train = self.recorded.train
+        seen = self.learner.step(train, rows, step)
+        numbers = torch.stack(list(seen.values()))
+        if self.fabric.world_size > 1:
+            numbers = self.fabric.all_reduce(numbers, reduce_op="mean")
+        values = dict(zip(seen, numbers.tolist()))  # type: ignore[union-attr]
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise TrainingError(
+                    f"the {name} is {value} at step {step + 1}, batch: {train.named(rows)}; lower the learning rate "
+                    f"({self.config.learning_rate:g}), or look for damaged numbers in these demonstrations"
+                )
+        return values
 
     # -- what is written, by the first process alone ---------------------------------------------------------------
 
-    def _report(self, step: int, loss: float, speed: float) -> None:
+    def _report(self, step: int, seen: dict[str, float], speed: float) -> None:
         if not self.first:
             return
-        row: dict[str, Any] = {"stage": STAGE, "step": step, "seconds": round(self.seconds, 1), "loss": loss}
+        row: dict[str, Any] = {"stage": STAGE, "step": step, "seconds": round(self.seconds, 1), **seen}
         row |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
-        text = f"step {step} of {self.config.steps}: loss {loss:.4g}"
+        text = f"step {step} of {self.config.steps}: loss {seen['loss']:.4g}"
         if self.recorded.valid is not None:
-            self.optimisation.swap()
-            row["valid_loss"] = held_out_loss(self.actor, self.recorded.valid, self.config, self.fabric.device)
-            self.optimisation.swap()
+            self.learner.swap()
+            row |= {f"valid_{name}": value for name, value in self.learner.held_out(self.recorded.valid).items()}
+            self.learner.swap()
             text += f", held out {row['valid_loss']:.4g}"
         self.folder.record(row)
         left = (self.config.steps - step) / speed
@@ -266,14 +270,14 @@ class _Training:
             "versions": installed(),
             "training": to_dict(self.config),
         }
-        self.optimisation.swap()
-        save_policy(self.actor, description, path)
-        self.optimisation.swap()
+        self.learner.swap()
+        save_policy(self.learner.network, description, path)
+        self.learner.swap()
 
     def _save_checkpoint(self, step: int) -> None:
         if self.first:
-            tensors = {f"network.{name}": value for name, value in self.actor.state_dict().items()}
-            tensors |= dict(self.optimisation.state())
+            tensors = {f"network.{name}": value for name, value in self.learner.network.state_dict().items()}
+            tensors |= dict(self.learner.state())
             self.folder.save("latest", tensors, {"step": step, "seconds": self.seconds})
 
     def _resume(self) -> int:
@@ -282,25 +286,12 @@ class _Training:
             return 0
         tensors, facts = latest
         with torch.no_grad():
-            for name, value in self.actor.state_dict().items():
+            for name, value in self.learner.network.state_dict().items():
                 value.copy_(tensors[f"network.{name}"])
-        self.optimisation.restore(tensors)
+        self.learner.restore(tensors)
         self.seconds = float(facts["seconds"])
         step = int(facts["step"])
         if self.first:
             self.folder.rewind((STAGE,), STAGE, step)
             self.progress.say(f"continuing {self.folder.path} at step {step} of {self.config.steps}")
         return step
-
-
-def held_out_loss(actor: torch.nn.Module, samples: Samples, config: PolicyTraining, device: torch.device) -> float:
-    """Mean negative log-likelihood of held-out actions, central crops, with the learned standard deviations."""
-    actor.eval()
-    total = 0.0
-    stride = config.network.sequence if config.algorithm == "bc-rnn" else 1
-    every = np.arange(0, len(samples), stride)
-    with torch.inference_mode():
-        for start in range(0, len(every), _VALID_BATCH):
-            rows = every[start : start + _VALID_BATCH]
-            total += float(actor(*samples.batch(rows, config, device, None))) * len(rows)
-    return total / len(every)

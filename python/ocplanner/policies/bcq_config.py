@@ -1,0 +1,38 @@
+"""Settings that only batch-constrained Q-learning has."""
+
+from dataclasses import dataclass
+
+from ocplanner.settings import require
+
+
+@dataclass(frozen=True)
+class BCQConfig:
+    """An action VAE that proposes actions, and critics that choose among them. Defaults: robomimic's from states."""
+
+    critic_hidden: tuple[int, ...] = (300, 400)
+    critic_learning_rate: float = 1e-4
+    """Before any schedule; the action VAE learns at the training's own ``learning_rate``."""
+    critics: int = 2
+    pessimism: float = 0.75
+    """Weight of the critics' least value in the target; their greatest has the rest."""
+    discount: float = 0.99
+    tau: float = 5e-4
+    """How far the target critics move toward the critics in a step."""
+    proposals: int = 10
+    """Actions that the target's maximum is taken over."""
+    rollout_proposals: int = 100
+    """Actions that a rollout's step chooses from."""
+    vae_hidden: tuple[int, ...] = (300, 400)
+    """Widths of the VAE's encoder, and of its decoder."""
+    latent: int = 14
+    kl_weight: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        counts = (*self.critic_hidden, *self.vae_hidden, self.critics, self.proposals, self.rollout_proposals)
+        require(min(*counts, self.latent) >= 1, "layer widths, critics, proposals and latent must be at least 1")
+        require(self.critic_learning_rate > 0, f"critic learning rate {self.critic_learning_rate} must be positive")
+        require(0 <= self.pessimism <= 1, f"pessimism {self.pessimism} must lie in [0, 1]")
+        require(0 <= self.discount < 1, f"discount {self.discount} must lie in [0, 1)")
+        require(0 < self.tau <= 1, f"tau {self.tau} must lie in (0, 1]")
+        require(self.kl_weight >= 0, f"KL weight {self.kl_weight} must not be negative")

@@ -1,0 +1,126 @@
+"""Batch-constrained Q-learning: the losses of action VAE and critics, an optimiser for each, and target critics."""
+
+import copy
+from collections.abc import Iterator, Mapping
+from functools import partial
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from torch import Tensor
+
+from ocplanner.planner.optimisation import Optimisation
+from ocplanner.policies.bcq import BCQ, target_values
+from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.data import Samples
+from ocplanner.policies.learner import crops, rate
+from ocplanner.policies.transitions import TransitionBatch
+
+_VALID_BATCH = 256
+
+
+class BatchConstrainedQ:
+    """BCQ in training; see :class:`ocplanner.policies.learner.Learner`.
+
+    A step is robomimic's: first the VAE learns, then its proposals for the next states, valued by the target critics,
+    make the critics' targets, then the target critics follow. One thing differs: the targets follow the statistics of
+    batch normalisation too, which robomimic's keep from before the training; only networks with pictures have any.
+    """
+
+    def __init__(self, fabric: Fabric, config: PolicyTraining, network: BCQ) -> None:
+        self.fabric, self.config, self.network = fabric, config, network
+        self._bcq = network.config
+        self._targets = copy.deepcopy(network.critics).requires_grad_(False).eval()
+        self._vae, self._critics = fabric.setup_module(network.vae), fabric.setup_module(network.critics)
+        self._vae_update = Optimisation(network.vae, config, partial(rate, config), config.clip)
+        critic_rate = partial(rate, config, base=self._bcq.critic_learning_rate)
+        self._critic_update = Optimisation(network.critics, config, critic_rate, config.clip)
+        self._parts = {"vae": self._vae_update, "critics": self._critic_update}
+
+    def step(self, samples: Samples, rows: np.ndarray, step: int) -> dict[str, Tensor]:
+        """One update of everything."""
+        fabric, share = self.fabric, slice(self.fabric.global_rank, None, self.fabric.world_size)
+        rng = crops(self.config, step, fabric.global_rank)
+        batch = samples.transition_batch(rows[share], self.config, fabric.device, rng)
+        # Drawn for the whole batch, so that the number of processes does not change it.
+        noise = self._noise(len(rows), (2, step))[share]
+        self.network.train()
+        reconstruction, kl = self._vae(batch.observation, batch.actions, noise[:, 0])
+        vae_loss = reconstruction + self._bcq.kl_weight * kl
+        self._vae_update.step(vae_loss, step, fabric.backward)
+        self.network.vae.eval()
+        targets = self._target(batch, noise[:, 1:])
+        losses, values = self._critics(batch.observation, batch.actions, targets)
+        self._critic_update.step(losses.sum(), step, fabric.backward)
+        self._follow()
+        return _seen(vae_loss, reconstruction, kl, losses, values)
+
+    def held_out(self, samples: Samples) -> dict[str, float]:
+        """The same numbers, with noise that every call repeats."""
+        self.network.eval()
+        totals: dict[str, float] = {}
+        with torch.inference_mode():
+            for start in range(0, len(samples), _VALID_BATCH):
+                rows = np.arange(start, min(start + _VALID_BATCH, len(samples)))
+                batch = samples.transition_batch(rows, self.config, self.fabric.device, None)
+                noise = self._noise(len(rows), (3, start))
+                reconstruction, kl = self.network.vae(batch.observation, batch.actions, noise[:, 0])
+                targets = self._target(batch, noise[:, 1:])
+                losses, values = self.network.critics(batch.observation, batch.actions, targets)
+                vae_loss = reconstruction + self._bcq.kl_weight * kl
+                for name, value in _seen(vae_loss, reconstruction, kl, losses, values).items():
+                    totals[name] = totals.get(name, 0.0) + float(value) * len(rows)
+        return {name: total / len(samples) for name, total in totals.items()}
+
+    def swap(self) -> None:
+        """Exchange weights and averages."""
+        for part in self._parts.values():
+            part.swap()
+
+    def state(self) -> Iterator[tuple[str, Tensor]]:
+        """Target critics, and the optimisers'."""
+        for name, value in self._targets.state_dict().items():
+            yield f"targets.{name}", value
+        for part, update in self._parts.items():
+            for name, value in update.state():
+                yield f"{part}.{name}", value
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over what :meth:`state` gave."""
+        for name, value in self._targets.state_dict().items():
+            value.copy_(tensors[f"targets.{name}"])
+        for part, update in self._parts.items():
+            prefix = f"{part}."
+            update.restore({name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)})
+
+    @torch.no_grad()
+    def _target(self, batch: TransitionBatch, noise: Tensor) -> Tensor:
+        proposals = self.network.vae.propose(batch.next_observation, noise)
+        values = self._targets.values(batch.next_observation, proposals)
+        return target_values(batch.rewards, batch.dones, values, self._bcq)
+
+    @torch.no_grad()
+    def _follow(self) -> None:
+        source = self.network.critics.state_dict()
+        for name, target in self._targets.state_dict().items():
+            if target.is_floating_point():
+                target.lerp_(source[name], self._bcq.tau)
+            else:
+                target.copy_(source[name])
+
+    def _noise(self, count: int, seed: tuple[int, ...]) -> Tensor:
+        """(count, 1 + n, L): one for the posterior, n for proposals."""
+        rng = np.random.default_rng([self.config.seed, *seed])
+        shape = (count, 1 + self._bcq.proposals, self._bcq.latent)
+        return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(self.fabric.device)
+
+
+def _seen(vae_loss: Tensor, reconstruction: Tensor, kl: Tensor, losses: Tensor, values: Tensor) -> dict[str, Tensor]:
+    """What is reported; ``loss`` is the sum that robomimic reports."""
+    return {
+        "loss": (vae_loss + losses.sum()).detach(),
+        "vae_reconstruction": reconstruction.detach(),
+        "kl": kl.detach(),
+        "critic_loss": losses.mean().detach(),
+        "mean_q": values.mean().detach(),
+    }

@@ -1,0 +1,38 @@
+"""What the critics of BCQ think of recorded episodes."""
+
+import numpy as np
+import torch
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.errors import MismatchError
+from ocplanner.policies.bcq import BCQ
+from ocplanner.policies.data import load_samples
+from ocplanner.policies.policy import Policy
+
+_BATCH = 256
+
+
+def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
+    """(E, T) float32: Q(s_t, a_t) of each of E critics for the recorded actions of an episode of T steps.
+
+    The first critic is the one that acts. Rewards and dones of the episode are not read, so it may have none.
+
+    Args:
+        policy: trained by BCQ.
+        demos: a data set with the observations that the policy sees, held out or not.
+        name: the demonstration.
+
+    Raises:
+        MismatchError: the policy has no critics.
+        DatasetError: an observation is missing or of another size.
+    """
+    network, config = policy.actor, policy.training
+    if not isinstance(network, BCQ):
+        raise MismatchError(f"{policy.path} was trained by {config.algorithm}, which has no critics; train one by bcq")
+    samples = load_samples(demos, [name], config)
+    values = []
+    with torch.inference_mode():
+        for start in range(0, len(samples), _BATCH):
+            rows = np.arange(start, min(start + _BATCH, len(samples)))
+            values.append(network.critics.values(*samples.batch(rows, config, torch.device("cpu"), None)))
+    return torch.cat(values, dim=1).numpy()
