@@ -8,7 +8,7 @@ import torch
 
 from ocplanner.policies.bcq import BCQ, Critic, target_values
 from ocplanner.policies.bcq_config import BCQConfig
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 
 from robomimic.algo import algo_factory  # isort: skip
@@ -47,7 +47,7 @@ def bcq(small):
     config = small("bcq", learning_rate=1e-3, ema=0.0, clip=None, schedule="constant", warmup=0)
     settings = replace(config.bcq, tau=0.25, critic_learning_rate=1e-3)
     config = replace(config, observation=replace(config.observation, normalise=False), bcq=settings)
-    return config, make_actor(config, 23, 7)
+    return config, make_network(config, 23, 7)
 
 
 def linears(module) -> list[torch.nn.Linear]:

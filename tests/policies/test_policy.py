@@ -5,7 +5,7 @@ import torch
 from ocplanner import Policy
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.planner.config import to_dict
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import save_policy
 
@@ -18,7 +18,7 @@ def saved(tmp_path, small):
 
     def make(algorithm="bc", **settings):
         config = small(algorithm, **settings)
-        actor = make_actor(config, 23, 7).eval()
+        actor = make_network(config, 23, 7).eval()
         path = tmp_path / "policy.safetensors"
         save_policy(actor, {"low_dim": 23, "actions": 7, "training": to_dict(config)}, path)
         return path, actor

@@ -8,10 +8,10 @@ from ocplanner.policies.bc_rnn import BCRNN
 from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.config import PolicyTraining
 
-ALGORITHMS: dict[str, type[BC] | type[BCRNN] | type[BCQ]] = {"bc": BC, "bc-rnn": BCRNN, "bcq": BCQ}
+IMITATION: dict[str, type[BC] | type[BCRNN]] = {"bc": BC, "bc-rnn": BCRNN}
 
 
-def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor | BCQ:
+def make_network(config: PolicyTraining, low_dim: int, actions: int) -> Actor | BCQ:
     """The network with its first weights, which depend on the configuration's seed alone.
 
     Args:
@@ -19,6 +19,18 @@ def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor | BC
         low_dim: width of the low-dimensional observation, D.
         actions: width of an action, A.
     """
+    return make_bcq(config, low_dim, actions) if config.algorithm == "bcq" else make_actor(config, low_dim, actions)
+
+
+def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor:
+    """:func:`make_network` for algorithms that imitate."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        return ALGORITHMS[config.algorithm](config, low_dim, actions)
+        return IMITATION[config.algorithm](config, low_dim, actions)
+
+
+def make_bcq(config: PolicyTraining, low_dim: int, actions: int) -> BCQ:
+    """:func:`make_network` for BCQ."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        return BCQ(config, low_dim, actions)

@@ -18,7 +18,7 @@ from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.policies.actor import Memory
 from ocplanner.policies.config import training_from_dict
 from ocplanner.policies.hint import HINT_KEY
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
 
@@ -62,7 +62,7 @@ class Policy:
             raise ValueError(f"it holds a {header['kind']} of format {header['format']}, not a policy of {FORMAT}")
         self.config: Mapping[str, Any] = MappingProxyType(header["config"])
         self.training = training_from_dict(self.config["training"])
-        self.actor = make_actor(self.training, self.config["low_dim"], self.config["actions"])
+        self.actor = make_network(self.training, self.config["low_dim"], self.config["actions"])
         self.actor.load_state_dict(load_tensors(data))
         self.actor.eval()
         seen = self.training.observation

@@ -31,7 +31,7 @@ from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples, load_samples
 from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.transitions import load_transitions
@@ -185,7 +185,7 @@ class _Training:
     def __init__(self, fabric: Fabric, config: PolicyTraining, recorded: Recorded, folder: RunFolder) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = Progress()
-        actor = make_actor(config, recorded.about["low_dim"], recorded.about["actions"])
+        actor = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
         fit_encoders(actor, recorded.train.low_dim)
         if config.observation.cameras:
             actor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
