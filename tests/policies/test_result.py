@@ -27,7 +27,9 @@ def test_a_saved_result_is_read_back(result, tmp_path):
     assert PolicyResult.load(result.save(tmp_path / "result.json")) == result
 
 
-@pytest.mark.parametrize("change", [{"checkpoints": []}, {"checkpoints": [{}]}, {"checkpoints": 3}, {"task": None}])
+@pytest.mark.parametrize(
+    "change", [{"checkpoints": []}, {"checkpoints": [{}]}, {"checkpoints": 3}, {"versions": 3}, {"task": None}]
+)
 def test_damaged_results_are_refused(result, tmp_path, change):
     content = result.to_json() | change
     if change.get("task", "") is None:

@@ -74,7 +74,7 @@ def test_a_folder_without_metrics_is_an_error(tmp_path):
         read_run(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["- a list\n", "a: [unclosed\n"])
+@pytest.mark.parametrize("text", ["- a list\n", "a: [unclosed\n", "network: 3\n", "network: {hint: [5]}\n"])
 def test_a_damaged_configuration_is_an_error(write_run, text):
     folder = write_run("run")
     (folder / "config.yaml").write_text(text)

@@ -133,6 +133,8 @@ class PolicyResult:
             checkpoints = tuple(_checkpoint(entry) for entry in kept.pop("checkpoints"))
             if not checkpoints or any(not checkpoint.runs for checkpoint in checkpoints):
                 raise ValueError("a checkpoint without episodes")
+            if not all(isinstance(kept[name], dict) for name in ("training", "versions")):
+                raise TypeError("training and versions must be objects")
             return cls(**kept, checkpoints=checkpoints)
         except (KeyError, TypeError, ValueError) as error:
             raise ResultFileError(

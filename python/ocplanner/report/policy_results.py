@@ -41,7 +41,7 @@ def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = 
     if hint:
         origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
         spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}"
-    return PolicyKind(str(training.get("algorithm", "")).upper(), "image" if cameras else "state", spoken)
+    return PolicyKind(str(training.get("algorithm", "unknown")).upper(), "image" if cameras else "state", spoken)
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,12 @@ def read_run(folder: str | Path) -> Run:
         ResultFileError: there is no ``metrics.jsonl``, or it or ``config.yaml`` is damaged.
     """
     folder = Path(folder)
-    return Run(folder, _read_config(folder / CONFIG), _read_metrics(folder / METRICS))
+    run = Run(folder, _read_config(folder / CONFIG), _read_metrics(folder / METRICS))
+    try:
+        _ = run.setting("horizon"), run.policy_kind
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{folder / CONFIG} is no configuration of a training: {error!r}") from error
+    return run
 
 
 def _read_config(path: Path) -> dict[str, Any]:
