@@ -49,10 +49,10 @@ def random_training(
     return replace(preset("cpu", algorithm), observation=observation, network=network, seed=seed)
 
 
-def write_random_policy(path: Path, data: Path, training: PolicyTraining) -> Path:
+def write_random_policy(path: Path, data: Path, training: PolicyTraining, step: int = 20) -> Path:
     """An untrained policy's file, described as training on ``data`` would."""
     about = read(training, data).about
     actor = make_actor(training, about["low_dim"], about["actions"]).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_policy(actor, {**about, "step": 20, "training": to_dict(training)}, path)
+    save_policy(actor, {**about, "step": step, "training": to_dict(training)}, path)
     return path

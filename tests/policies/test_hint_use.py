@@ -4,7 +4,7 @@ import torch
 
 from ocplanner import Demonstrations, Policy
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError
-from ocplanner.policies.hint_use import HintUse, hint_use
+from ocplanner.policies.hint_use import HintUse, hint_use, mean_share
 from ocplanner.policies.observation import Observation
 from random_policy import HELD, random_training, write_labelled, write_random_policy
 
@@ -78,6 +78,8 @@ def test_the_share_is_the_hints_part_of_the_motion_while_held():
     np.testing.assert_allclose(use_of((0, 1), 0.5).share, [0, 1])
     np.testing.assert_allclose(use_of((1, 0.2), 0.5).share, [0.5, 1])
     assert np.isnan(use_of((1, 0), 0.5).share[1])  # nothing turns
+    together = mean_share([use_of((1, 1), 0), use_of((1, 1), 0), use_of((0, 1), 1)])
+    np.testing.assert_allclose(together, [1 / 3, 1])
     np.testing.assert_allclose(use_of((1, 1), 0.5).residual_size, [[0.5, 0], [0.5, 0]])
 
 

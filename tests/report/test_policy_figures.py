@@ -4,7 +4,7 @@ import pytest
 from ocplanner import Demonstrations, Policy
 from ocplanner.errors import DatasetError, MismatchError, PlannerFileError
 from ocplanner.policies.hint_use import hint_use
-from ocplanner.report.policy_figures import draw_policies, hint_use_figure, policy_name
+from ocplanner.report.policy_figures import draw_policies, hint_share_figure, hint_use_figure, policy_name
 from random_policy import HELD, random_training, write_labelled, write_random_policy
 
 
@@ -59,6 +59,30 @@ def test_the_title_says_what_was_held_out(labelled, tmp_path, monkeypatch):
     file = write_random_policy(tmp_path / "policy.safetensors", labelled, random_training())
     draw_policies([file], [labelled], tmp_path)
     assert titles == ["BC, state, hint k = 5 from the object, step 20: demo_2 (held out)"]
+
+
+def test_a_run_is_followed_through_its_checkpoints(labelled, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "ocplanner.report.policy_figures.hint_share_figure",
+        lambda *arguments: drawn.append(arguments) or hint_share_figure(*arguments),
+    )
+    steps = (20, 40)
+    files = [
+        write_random_policy(
+            tmp_path / "run" / "policies" / f"step_{step}.safetensors", labelled, random_training(seed=step), step
+        )
+        for step in steps
+    ]
+    assert len(draw_policies(files[:1], [labelled], tmp_path / "figures")) == 1  # not the last of its run
+    written = draw_policies(files[1:], [labelled], tmp_path / "figures")
+    assert [path.name for path in written] == ["hint_use_run_step_40.png", "hint_share_run_step_40.png"]
+    ((shown, shares, title),) = drawn
+    assert shown == [20, 40]
+    with Demonstrations(labelled) as demos:
+        expected = [hint_use(Policy.load(file), demos, "demo_2").share for file in files]
+    np.testing.assert_allclose(shares, expected)
+    assert title == "BC, state, hint k = 5 from the object: 1 episode (held out)"
 
 
 def test_what_cannot_be_drawn_is_an_error(labelled, tiny_square, tmp_path):

@@ -1,6 +1,6 @@
 """What a policy makes of the plan: its weights x and y and its residual A along a recorded episode (section 5.2)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,7 +50,7 @@ class HintUse:
     @property
     def residual_size(self) -> np.ndarray:
         """(T, 2): length of A's position part and of its rotation part."""
-        return np.linalg.norm(self._residual_parts, axis=-1)
+        return np.linalg.norm(self.residual_parts, axis=-1)
 
     @property
     def share(self) -> np.ndarray:
@@ -59,14 +59,20 @@ class HintUse:
         With the mean m and the weighted hint h this is sum(h . m) / sum(m . m); A makes up the rest to 1. NaN if the
         object is never held.
         """
-        mean = (self.moved + self._residual_parts)[self.held]
-        from_hint = (self.moved[self.held] * mean).sum(axis=(0, 2))
-        whole = (mean**2).sum(axis=(0, 2))
-        return np.divide(from_hint, whole, out=np.full(2, np.nan), where=whole > 0)
+        return mean_share([self])
 
     @property
-    def _residual_parts(self) -> np.ndarray:
+    def residual_parts(self) -> np.ndarray:
+        """(T, 2, 3): A's position part and its rotation part."""
         return self.residual[:, :6].reshape(-1, 2, 3)
+
+
+def mean_share(uses: Sequence[HintUse]) -> np.ndarray:
+    """(2,): :attr:`HintUse.share` of several episodes together."""
+    moved = np.concatenate([use.moved[use.held] for use in uses])
+    mean = moved + np.concatenate([use.residual_parts[use.held] for use in uses])
+    from_hint, whole = (moved * mean).sum(axis=(0, 2)), (mean**2).sum(axis=(0, 2))
+    return np.divide(from_hint, whole, out=np.full(2, np.nan), where=whole > 0)
 
 
 def hint_use(policy: Policy, demos: Demonstrations, name: str) -> HintUse:

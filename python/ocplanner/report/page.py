@@ -23,11 +23,12 @@ FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
     "latents": "Latent plans along demonstrations, by t-SNE; the colour is the time from grasp to release.",
     "hint_use": "What a policy makes of the hint along a recorded demonstration, in its most likely mode.",
+    "hint_share": "How much of the motion is the hint's while the object is held; the rest is the residual's.",
     "segments": "The frames of demonstrations that training keeps: from grasp to release.",
 }
 """What the figures that this package writes show, by the beginning of their file names."""
 
-_HINT_USE = "hint_use"
+_OF_HINTS = ("hint_use", "hint_share")
 _DRAWN_HERE = (
     "loss_curves",
     "policy_curves",
@@ -99,8 +100,8 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
         videos=shown,
         videos_left_out=len(videos) - len(shown),
         strips=_strips(shown),
-        figures=[figure for figure in figures if not figure["name"].startswith(_HINT_USE)],
-        hint_figures=[figure for figure in figures if figure["name"].startswith(_HINT_USE)],
+        figures=[figure for figure in figures if not figure["name"].startswith(_OF_HINTS)],
+        hint_figures=[figure for figure in figures if figure["name"].startswith(_OF_HINTS)],
         policies=policy_section(sources),
         trainings=_trainings(sources.planner_runs),
         panels=_panels(sources.planner_runs),

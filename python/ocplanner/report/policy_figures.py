@@ -7,20 +7,24 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError
-from ocplanner.policies.hint_use import HintUse, check_fits, hint_use
+from ocplanner.policies.hint_use import HintUse, check_fits, hint_use, mean_share
 from ocplanner.policies.policy import Policy
 from ocplanner.report.fitting import first_fitting
 from ocplanner.report.names import distinct_names
-from ocplanner.report.policy_results import policy_kind
+from ocplanner.report.plots import step_axis
+from ocplanner.report.policy_results import PolicyKind, policy_kind
 from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
 
 _PARTS = (("position", "x"), ("rotation", "y"))
 _HELD = SERIES[2]
 _RESIDUAL = SERIES[1]
 _HINT = SERIES[0]
+_WEIGHT_COLORS = (SERIES[3], SERIES[6])
+_MOST_DEMONSTRATIONS = 10
 _LINES = ("-", "--", ":", "-.")
 
 
@@ -65,7 +69,7 @@ def _weights(axes: Axes, use: HintUse) -> None:
         axes.axhline(level, color=MUTED, linewidth=0.8, linestyle=(0, (1, 2)))
     for part, (name, letter) in enumerate(_PARTS):
         for k, horizon in enumerate(use.horizons):
-            values, color = use.weights[:, k, part], SERIES[3 * (1 - part) + 6 * part]
+            values, color = use.weights[:, k, part], _WEIGHT_COLORS[part]
             label = f"{letter}, {name}" + (f", k = {horizon}" if several else "")
             axes.plot(steps, values, _LINES[k % len(_LINES)], color=color, alpha=0.3, linewidth=1.0)
             shown = np.where(use.held, values, np.nan)
@@ -90,8 +94,32 @@ def _sizes(axes: Axes, use: HintUse, part: int) -> None:
         axes.set_title(share, loc="right", fontsize=8, fontweight="normal", color=INK)
 
 
+def hint_share_figure(steps: Sequence[int], shares: Sequence[np.ndarray], title: str = "") -> Figure:
+    """How much of the motion while held comes from the hint, as training goes on.
+
+    Args:
+        steps: of training, one a checkpoint.
+        shares: of each checkpoint (2,), position and rotation; see :attr:`ocplanner.policies.hint_use.HintUse.share`.
+        title: above the figure.
+    """
+    with styled():
+        figure = new_figure(6.2, 2.9)
+        axes = figure.subplots()
+        for (name, letter), color, values in zip(_PARTS, _WEIGHT_COLORS, np.stack(shares).T):
+            axes.plot(steps, values, "o-", color=color, markersize=3.5, label=f"{name}, through {letter}")
+        axes.set_ylim(min(0.0, np.nanmin(shares)), max(1.0, np.nanmax(shares)))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.set_ylabel("share of the hint")
+        step_axis(axes)
+        axes.legend(loc="best")
+        axes.set_title(title)
+    return figure
+
+
 def draw_policies(policies: Sequence[Path], data: Sequence[Path], folder: Path) -> list[Path]:
     """For each policy with a hint, write ``hint_use_NAME.png``: its use on a held-out demonstration.
+
+    For the last policy of a run folder ``hint_share_NAME.png`` shows how the use changed from checkpoint to checkpoint.
 
     Args:
         policies: policy files; those without hints are passed over.
@@ -111,8 +139,11 @@ def draw_policies(policies: Sequence[Path], data: Sequence[Path], folder: Path) 
         sets = [opened.enter_context(Demonstrations(path)) for path in data]
         for policy, name in zip(hinted, names):
             demos = first_fitting(sets, lambda demos, policy=policy: check_fits(policy, demos))
-            figure = _held_out_figure(policy, demos)
-            written.append(save_figure(figure, folder / f"hint_use_{name}.png"))
+            figures = {"hint_use": _held_out_figure(policy, demos)}
+            checkpoints = _checkpoints(policy.path)
+            if len(checkpoints) > 1:
+                figures["hint_share"] = _training_figure(checkpoints, demos)
+            written += [save_figure(figure, folder / f"{kind}_{name}.png") for kind, figure in figures.items()]
     return written
 
 
@@ -124,14 +155,40 @@ def policy_name(file: Path) -> str:
     return f"{parent.parent.name}_{file.stem}" if parent.name == "policies" else file.stem
 
 
-def _held_out_figure(policy: Policy, demos: Demonstrations) -> Figure:
-    """On the first demonstration that the policy did not learn from and in which a hint is ever given."""
+def _checkpoints(file: Path) -> list[Path]:
+    """The policies kept of the run whose last one ``file`` is; none of another file."""
+    folder = file.parent / "policies" if file.stem == "policy" else file.parent
+    kept = sorted(folder.glob("step_*.safetensors")) if folder.name == "policies" else []
+    return kept if file.stem == "policy" or kept[-1:] == [file] else []
+
+
+def _training_figure(checkpoints: Sequence[Path], demos: Demonstrations) -> Figure:
+    policies = [Policy.load(path) for path in checkpoints]
+    names, which = _shown(policies[0], demos)
+    names = names[:_MOST_DEMONSTRATIONS]
+    shares = [mean_share([hint_use(policy, demos, name) for name in names]) for policy in policies]
+    steps = [int(policy.config["step"]) for policy in policies]
+    episodes = "1 episode" if len(names) == 1 else f"{len(names)} episodes"
+    return hint_share_figure(steps, shares, f"{_kind(policies[0])}: {episodes} ({which})")
+
+
+def _shown(policy: Policy, demos: Demonstrations) -> tuple[list[str], str]:
+    """The demonstrations to show a policy, and what they are to it: those it did not learn from, if there are any."""
     mask = policy.training.mask
     learned = set(demos.mask(mask)) if mask in demos.mask_names else set(demos.names)
-    for name in sorted(demos.names, key=lambda name: name in learned):
+    held_out = [name for name in demos.names if name not in learned]
+    return (held_out, "held out") if held_out else (list(demos.names), "trained on")
+
+
+def _held_out_figure(policy: Policy, demos: Demonstrations) -> Figure:
+    """On the first demonstration in which a hint is ever given."""
+    names, which = _shown(policy, demos)
+    for name in names:
         use = hint_use(policy, demos, name)
         if use.held.any():
-            which = "trained on" if name in learned else "held out"
-            kind = policy_kind(policy.config["training"], policy.config["labels"])
-            return hint_use_figure(use, f"{kind}, step {policy.config['step']}: {name} ({which})")
-    raise DatasetError(f"{demos.path}: the object is held in none of its demonstrations; label another data set")
+            return hint_use_figure(use, f"{_kind(policy)}, step {policy.config['step']}: {name} ({which})")
+    raise DatasetError(f"{demos.path}: the object is held in none of {', '.join(names[:4])}; label another data set")
+
+
+def _kind(policy: Policy) -> PolicyKind:
+    return policy_kind(policy.config["training"], policy.config["labels"])
