@@ -209,7 +209,7 @@ def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
 
 
 def _cpu_bcq(state: bool) -> PolicyTraining:
-    steps = 100_000 if state else 12_000
+    steps = 100_000 if state else 15_000
     return PolicyTraining(
         "bcq",
         "cpu",
@@ -217,7 +217,7 @@ def _cpu_bcq(state: bool) -> PolicyTraining:
         # Fewer steps: faster targets, so that values still travel from the end of an episode to its start.
         bcq=BCQConfig(critic_learning_rate=5e-4, tau=5e-3),
         steps=steps,
-        batch=100 if state else 64,
+        batch=100 if state else 32,
         learning_rate=5e-4,
         schedule="cosine",
         warmup=200,

@@ -7,12 +7,9 @@ import numpy as np
 
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import MismatchError
-from ocplanner.holding import Hold
+from ocplanner.live_plan import LivePlan, Pictures
 from ocplanner.planner.hints import HINT_WIDTH, action_law, plan_hints
 from ocplanner.planner.planner import Planner
-
-Pictures = dict[tuple[str, int, str], np.ndarray]
-"""What was drawn at this step already: (camera, size, observation) -> (h, w, 3) uint8."""
 
 
 class LiveHint:
@@ -28,27 +25,20 @@ class LiveHint:
     """
 
     def __init__(self, env: ManipulationEnv, planner: Planner, labels: Mapping[str, Any]) -> None:
-        config = planner.config
         if planner.sha256 != labels["planner_sha256"]:
             raise MismatchError(
                 f"{planner.path} (sha256 {planner.sha256[:12]}) is not the planner that the policy's data set was "
                 f"labelled with (sha256 {labels['planner_sha256'][:12]}); give that one, or label and train again"
             )
-        if config["task"] != env.task.name or config["visual"] not in (None, env.visual.name):
-            raise MismatchError(
-                f"{planner.path} plans for {config['task']} drawn as {config['visual']}, but the environment is "
-                f"{env.task.name} drawn as {env.visual.name}"
-            )
         settings, scale = labels["settings"], labels["action_scale"]
-        self._env, self._planner = env, planner
+        self._env, self._plans, self._object = env, LivePlan(env, planner), str(planner.config["object"])
         self._steps, self._origin = tuple(settings["horizon_steps"]), settings["hint_from"]
         self._world = labels["action_frame"] == "world"
         self._law = action_law(scale["position"], scale["rotation"])
-        self._hold = Hold()
 
     def reset(self) -> None:
         """Begin an episode."""
-        self._hold = Hold()
+        self._plans.reset()
 
     def row(self, last_gripper: float, drawn: Pictures) -> np.ndarray:
         """(6 K + 1,) float32: the hint before the next action, zeros where nothing is held.
@@ -57,18 +47,12 @@ class LiveHint:
             last_gripper: the gripper's part of the last action; -1 before the first.
             drawn: pictures of this step that need not be drawn again.
         """
-        env, config = self._env, self._planner.config
-        pose, eef = env.object_pose(str(config["object"])), env.eef_pose()
         row = np.zeros(HINT_WIDTH * len(self._steps) + 1, np.float32)
-        if self._hold.update(pose, eef.position, last_gripper):
-            plan = self._planner.plan({camera: self._picture(camera, drawn)[None] for camera in config["cameras"]})
-            frame = np.eye(3) if self._world else env.base_rotation
+        plan = self._plans.plan(last_gripper, drawn)
+        if plan is not None:
+            pose, eef = self._env.object_pose(self._object), self._env.eef_pose()
+            frame = np.eye(3) if self._world else self._env.base_rotation
             here = (pose.position[None], pose.rotation[None])
             row[:-1] = plan_hints(plan, here, eef.position[None], frame[None], self._steps, self._law, self._origin)[0]
             row[-1] = 1.0
         return row
-
-    def _picture(self, camera: str, drawn: Pictures) -> np.ndarray:
-        size, observe = int(self._planner.config["image_size"]), str(self._planner.config["observe"])
-        key = (camera, size, observe)
-        return drawn[key] if key in drawn else self._env.render(camera, size, size, observe)

@@ -8,8 +8,9 @@ from ocplanner.demos.layouts import Order
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.recorded_observation import recorded_observation
 from ocplanner.errors import MismatchError
+from ocplanner.live_plan import Pictures
 from ocplanner.policies.hint import HINT_KEY
-from ocplanner.policies.live_hint import LiveHint, Pictures
+from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
 
 _SCALE_POSITION, _SCALE_ROTATION = 0.05, 0.5

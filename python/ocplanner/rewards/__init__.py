@@ -4,6 +4,7 @@ from ocplanner.rewards.config import FORMS, Form, RewardConfig
 from ocplanner.rewards.dataset import label_dataset
 from ocplanner.rewards.labelling import label_demonstration
 from ocplanner.rewards.labels import REWARD_MODES, LabelSettings, RewardMode
+from ocplanner.rewards.live import LiveReward, PlanReward
 from ocplanner.rewards.terms import ObjectPoses, Rewards, plan_reward
 
 __all__ = [
@@ -11,7 +12,9 @@ __all__ = [
     "REWARD_MODES",
     "Form",
     "LabelSettings",
+    "LiveReward",
     "ObjectPoses",
+    "PlanReward",
     "RewardConfig",
     "RewardMode",
     "Rewards",

@@ -1,0 +1,59 @@
+"""Plans in a live environment, made when and from what ``ocplanner label`` makes them: for hints and rewards alike."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.errors import MismatchError
+from ocplanner.holding import Hold
+from ocplanner.planner.planner import Plan, Planner
+
+Pictures = Mapping[tuple[str, int, str], np.ndarray]
+"""What was drawn at this step already: (camera, size, observation) -> (h, w, 3) uint8."""
+
+
+class LivePlan:
+    """Plans at every step in which the object is held.
+
+    Args:
+        env: the environment, drawn with the planner's visual preset.
+        planner: the planner.
+
+    Raises:
+        MismatchError: the planner is of another task or visual preset.
+    """
+
+    def __init__(self, env: ManipulationEnv, planner: Planner) -> None:
+        config = planner.config
+        if config["task"] != env.task.name or config["visual"] not in (None, env.visual.name):
+            raise MismatchError(
+                f"{planner.path} plans for {config['task']} drawn as {config['visual']}, but the environment is "
+                f"{env.task.name} drawn as {env.visual.name}"
+            )
+        self._env, self._planner = env, planner
+        self._object = str(config["object"])
+        self._hold = Hold()
+
+    def reset(self) -> None:
+        """Begin an episode."""
+        self._hold = Hold()
+
+    def plan(self, last_gripper: float, drawn: Pictures, steps: int | None = None) -> Plan | None:
+        """The plan (batch of one) before the next action; None where nothing is held. Call it once a step.
+
+        Args:
+            last_gripper: the gripper's part of the last action; -1 before the first.
+            drawn: pictures of this step that need not be drawn again.
+            steps: how many steps of the plan are wanted; all if not given.
+        """
+        env, config = self._env, self._planner.config
+        if not self._hold.update(env.object_pose(self._object), env.eef_pose().position, last_gripper):
+            return None
+        images = {camera: self._picture(camera, drawn)[None] for camera in config["cameras"]}
+        return self._planner.plan(images, steps=steps)
+
+    def _picture(self, camera: str, drawn: Pictures) -> np.ndarray:
+        size, observe = int(self._planner.config["image_size"]), str(self._planner.config["observe"])
+        key = (camera, size, observe)
+        return drawn[key] if key in drawn else self._env.render(camera, size, size, observe)
