@@ -118,6 +118,7 @@ class PolicyTraining:
     batch: int = 100
     """Samples (BC, BCQ) or sequences (BC-RNN) a step, over all processes together."""
     learning_rate: float = 1e-4
+    """Before any schedule; of BCQ its action VAE's."""
     weight_decay: float = 0.0
     schedule: Schedule = "constant"
     warmup: int = 0

@@ -52,7 +52,7 @@ class PolicyResult:
     Attributes:
         task: name of the task.
         robot: name of the robot.
-        algorithm: ``bc`` or ``bc-rnn``.
+        algorithm: ``bc``, ``bc-rnn`` or ``bcq``.
         training: its whole configuration.
         labels: how its hints were made, or None.
         planner_sha256: of the planner file that made them live, or None.
