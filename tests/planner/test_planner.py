@@ -235,6 +235,8 @@ def test_images_are_checked(tmp_path: Path) -> None:
     good = random_images(config, 2)
     with pytest.raises(MismatchError, match=r"agentview, side; missing: side; given: agentview"):
         planner.plan({"agentview": good["agentview"]})
+    with pytest.raises(MismatchError, match="images is a ndarray, expected a dictionary"):
+        planner.plan(good["agentview"])  # type: ignore[arg-type]
     bad = {
         "float32": good["side"].astype(np.float32),
         "found dtype int8": good["side"].astype(np.int8),

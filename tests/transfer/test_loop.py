@@ -36,6 +36,7 @@ def planner(tmp_path_factory):
         ({"robot": "Sawyr"}, UnknownNameError, "known: .*Sawyer"),
         ({"follow": "blind"}, UnknownNameError, "open-loop"),
         ({"episodes": 0}, InvalidValueError, "at least 1"),
+        ({"mask_error": -2}, InvalidValueError, "-2 pixels"),
         ({"patches": ("no-such",)}, UnknownNameError, "sawyer-base-contact"),
     ],
 )

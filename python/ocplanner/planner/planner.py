@@ -94,7 +94,16 @@ class Planner:
         return self.engine.encode(self.arrays(images), threads)
 
     def arrays(self, images: Images) -> list[NDArray[np.uint8]]:
-        """The images of the planner's cameras in the engine's order. Raises MismatchError if a camera is missing."""
+        """The images of the planner's cameras in the engine's order.
+
+        Raises:
+            MismatchError: a camera is missing, or the images are not named by camera.
+        """
+        if not isinstance(images, Mapping):
+            raise MismatchError(
+                f"images is a {type(images).__name__}, expected a dictionary of cameras: "
+                f"{{{self._cameras[0]!r}: array of shape (B, h, w, 3) uint8}}"
+            )
         missing = [camera for camera in self._cameras if camera not in images]
         if missing:
             raise MismatchError(

@@ -220,6 +220,7 @@ def make_scenario(
     Raises:
         UnknownNameError: no such robot, task, visual preset or control loop.
         MismatchError: the planner was made for another task, object, observation or visual preset.
+        InvalidValueError: ``mask_error`` is negative.
     """
     config = planner.config
     spec, arm = task_spec(str(config["task"])), robot_spec(robot)
@@ -236,6 +237,8 @@ def make_scenario(
             f"{planner.path} was trained on observe={config['observe']}, not {observe}; "
             f"leave --observe out, or train a planner with --observe {observe}"
         )
+    if mask_error < 0:
+        raise InvalidValueError(f"mask_error is {mask_error} pixels, but must not be negative")
     if mask_error and config["observe"] != "masked":
         raise MismatchError(f"a mask error needs a planner trained on observe=masked, not {config['observe']}")
     return Scenario(
