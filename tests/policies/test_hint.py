@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ocplanner.errors import MismatchError, ShapeError
 from ocplanner.policies.config import HintConfig
 from ocplanner.policies.gmm import Mixture
-from ocplanner.policies.hint import HintWeights, displacements
+from ocplanner.policies.hint import HintWeights, displacements, residual_motion
 from ocplanner.policies.network import make_actor
 
 SHAPES = {"bc": (6,), "bc-rnn": (5, 6)}
@@ -95,3 +95,31 @@ def test_the_weights_start_where_the_configuration_says(small, observe):
     ones, threes = (make_actor(replace(config, network=n), 23, 7).hint for n in (config.network, network))
     features = torch.randn(5, 32)
     torch.testing.assert_close(threes.weights(features) - ones.weights(features), torch.full((5, 5, 1, 2), 2.0))
+
+
+def test_the_residuals_motion_counts_by_probability_and_only_while_held():
+    residual = Mixture(torch.tensor([[0.0, 0.0], [9.0, -9.0]]), torch.zeros(2, 2, 7), torch.ones(2, 2, 7))
+    residual.means[:, 0, :3] = 2.0
+    residual.means[:, 1, 6] = 5.0  # the gripper is the residual's alone
+    hint = torch.zeros(2, 7)
+    hint[:, -1] = torch.tensor([1.0, 0.0])
+    assert residual_motion(residual, hint) == pytest.approx(0.5 * 12 / 2)  # one step of two, one mode of two
+    hint[:, -1] = torch.tensor([0.0, 1.0])
+    assert residual_motion(residual, hint) == pytest.approx(12 / 2, rel=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+def test_the_penalty_is_in_the_loss_of_training_alone(small, observe, algorithm):
+    shape = (5, 6) if algorithm == "bc-rnn" else (6,)
+    seen, actions = observe(shape, 7), torch.zeros(*shape, 7)
+    losses = {}
+    for penalty in (0.0, 2.0):
+        config = small(algorithm, hint=(1,))
+        hint = HintConfig((1,), residual_penalty=penalty)
+        actor = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7)
+        features, _ = actor.features(actor.encoder(seen), None)
+        motion = residual_motion(actor.head(features), seen.hint)
+        losses[penalty] = actor.train()(seen, actions), actor.eval()(seen, actions)
+    torch.testing.assert_close(losses[2.0][0], losses[0.0][0] + 2 * motion)
+    assert motion > 0
+    assert losses[2.0][1] == losses[0.0][1]

@@ -44,6 +44,8 @@ class TrainPolicy:
     """Read the plan as a hint from obs/ocp_hint."""
     hint_horizons: tuple[int, ...] | None = None
     """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
+    hint_residual_penalty: float | None = None
+    """Weight in the loss of the squared residual motion while the object is held. Default: 0."""
     low_dim: tuple[str, ...] | None = None
     """Names of the low-dimensional observations instead of the preset's."""
     cameras: tuple[str, ...] | None = None
@@ -129,7 +131,8 @@ class TrainPolicy:
 
     def _hint(self, base: HintConfig | None) -> HintConfig | None:
         hint = base or (HintConfig() if self.hint else None)
-        return hint if hint is None or self.hint_horizons is None else replace(hint, horizons=self.hint_horizons)
+        given = {"horizons": self.hint_horizons, "residual_penalty": self.hint_residual_penalty}
+        return hint and replace(hint, **{name: value for name, value in given.items() if value is not None})
 
 
 COMMAND = TrainPolicy

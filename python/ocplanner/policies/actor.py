@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from ocplanner.errors import MismatchError
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.gmm import GmmHead, Mixture
-from ocplanner.policies.hint import HintWeights
+from ocplanner.policies.hint import HintWeights, residual_motion
 from ocplanner.policies.observation import Observation, ObservationEncoder
 
 Memory = tuple[Tensor, Tensor]
@@ -41,13 +41,18 @@ class Actor(nn.Module):
 
     def distribution(self, observation: Observation, memory: Memory | None = None) -> tuple[Mixture, Memory | None]:
         """The mixture over actions at every step, and the memory after the last."""
-        features, memory = self.features(self.encoder(observation), memory)
-        mixture = self.head(features)
-        if self.hint is not None:
-            if observation.hint is None:
-                raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
-            mixture = self.hint(mixture, features, observation.hint)
+        _, mixture, memory = self._mixtures(observation, memory)
         return mixture, memory
+
+    def _mixtures(self, observation: Observation, memory: Memory | None) -> tuple[Mixture, Mixture, Memory | None]:
+        """The residual's mixture, the one over actions (the same without a hint), and the memory."""
+        features, memory = self.features(self.encoder(observation), memory)
+        residual = self.head(features)
+        if self.hint is None:
+            return residual, residual, memory
+        if observation.hint is None:
+            raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
+        return residual, self.hint(residual, features, observation.hint), memory
 
     def act(
         self, observation: Observation, memory: Memory | None, generator: torch.Generator
@@ -57,8 +62,16 @@ class Actor(nn.Module):
         return mixture.sample(self.config.network.gmm.low_noise, generator), memory
 
     def forward(self, observation: Observation, actions: Tensor) -> Tensor:
-        """Mean negative log-likelihood of recorded actions (..., A), padded steps included as in robomimic."""
-        return -self.distribution(observation)[0].log_likelihood(actions).mean()
+        """Mean negative log-likelihood of recorded actions (..., A), padded steps included as in robomimic.
+
+        In training the residual's penalty is added, if the hint's configuration asks for one.
+        """
+        residual, mixture, _ = self._mixtures(observation, None)
+        loss = -mixture.log_likelihood(actions).mean()
+        hint = self.config.network.hint
+        if self.training and hint is not None and hint.residual_penalty > 0 and observation.hint is not None:
+            loss = loss + hint.residual_penalty * residual_motion(residual, observation.hint)
+        return loss
 
     def __call__(self, *args: Any, **kwargs: Any) -> Tensor:
         """See :meth:`forward`."""

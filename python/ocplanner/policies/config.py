@@ -49,11 +49,14 @@ class HintConfig:
     """Steps k ahead whose planned displacement ``obs/ocp_hint`` holds, in its order."""
     initial_weight: float = 1.0
     """What x and y are measured from: the network predicts the difference."""
+    residual_penalty: float = 0.0
+    """In the loss: so many times the squared motion of the residual A while the object is held, in action units."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
         require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
+        require(self.residual_penalty >= 0, f"residual penalty {self.residual_penalty} must not be negative")
 
     @property
     def width(self) -> int:
@@ -192,7 +195,7 @@ def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     state = kind == "state"
     if algorithm == "bcq":
         return _cpu_bcq(state)
-    steps = (30_000 if rnn else 100_000) if state else (12_000 if rnn else 20_000)
+    steps = 12_000 if rnn and not state else 20_000
     return PolicyTraining(
         algorithm,
         "cpu",

@@ -56,6 +56,17 @@ def shifted(means: Tensor, weights: Tensor, moves: Tensor) -> Tensor:
     return nn.functional.pad(moved, (0, means.shape[-1] - 6)) + means
 
 
+def residual_motion(residual: Mixture, hint: Tensor) -> Tensor:
+    """Mean over all steps of |A|^2, action units: of the residual's motion in each mode by its probability, while held.
+
+    Args:
+        residual: mixture over actions (position 3, rotation 3, then the gripper) whose means are A.
+        hint: (..., 6 K + 1); what is not held by its flag counts as 0.
+    """
+    squared = residual.means[..., :6].square().sum(dim=-1)
+    return ((residual.logits.softmax(dim=-1) * squared).sum(dim=-1) * (hint[..., -1] > 0.5)).mean()
+
+
 def displacements(hint: Tensor, config: HintConfig) -> Tensor:
     """(..., K, 2, 3) position and rotation of each k, zero where the flag is 0, from hints (..., 6 K + 1).
 
