@@ -3,17 +3,19 @@
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ocplanner import _core
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.expert import Manner, NoisyBody, square_expert
+from ocplanner.demos.expert import demonstrate
+from ocplanner.demos.flawed import fail
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.live_plan import LivePlan
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, OPEN, HorizonReached, Reading
+from ocplanner.transfer.body import CLOSE, Body, HorizonReached
 from ocplanner.transfer.grasp import take_hold
 from ocplanner.transfer.settings import GraspSettings
 
@@ -76,93 +78,68 @@ class Recorder:
         return Episode(self.env.success(), held, wanted, (position, rotation), distance - distance[later])
 
 
-class RecordedBody(NoisyBody):
-    """The expert's body, recorded; once the nut is held it may lose it, or be wrong about where everything is.
+class RecordedArm:
+    """An environment whose steps are recorded."""
 
-    Args:
-        recorder: sees every step.
-        rng: the manner's and the tremor's.
-        lose_after: steps with the nut in hand until the hand opens; None: never.
-        bias: (3,) how far from the truth everything seems to be while the nut is in hand, m.
-    """
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
 
-    def __init__(
-        self,
-        recorder: Recorder,
-        rng: np.random.Generator,
-        lose_after: int | None = None,
-        bias: np.ndarray | None = None,
-    ) -> None:
-        self.manner = Manner.draw(rng)
-        super().__init__(recorder.env, recorder.env.horizon, self.manner.noise, rng, lambda _: None)
-        self._recorder, self._lose_after, self._bias = recorder, lose_after, np.zeros(3) if bias is None else bias
-        self.in_hand: int | None = None
-        self.steady = True
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recorder.env, name)
 
-    def act(self, delta: np.ndarray, grip: float) -> Reading:
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+        self._recorder.env.reset(seed)
+        self._recorder.begin()
+
+    def step(self, action: np.ndarray) -> None:
         """One control step."""
-        if not self.steady and self.in_hand is None:
-            self.in_hand = 0  # the expert's hand is steady until it has taken hold
-        if self.in_hand is not None:
-            self.in_hand += 1
-            if self._lose_after is not None and self.in_hand > self._lose_after:
-                grip = OPEN
-        reading = super().act(delta, grip)
-        self._recorder.after(grip)
-        return reading
-
-    def read(self) -> Reading:
-        """Sense, wrongly where there is a bias."""
-        now = super().read()
-        if self.steady and self.in_hand is None:
-            return now
-        shifted = (Pose(pose.position - self._bias, pose.rotation) for pose in (now.object, now.eef))
-        return Reading(*shifted, now.opening)
+        self._recorder.env.step(action)
+        self._recorder.after(float(action[-1]))
 
 
-def expert(recorder: Recorder, rng: np.random.Generator) -> None:
+def _ignored(_: np.ndarray) -> None:
+    pass
+
+
+def expert(arm: Any, seed: int) -> None:
     """The scripted expert."""
-    body = RecordedBody(recorder, rng)
-    square_expert(recorder.env, body, body.manner)
+    demonstrate(arm, seed, _ignored)
 
 
-def released_early(recorder: Recorder, rng: np.random.Generator) -> None:
+def released_early(arm: Any, seed: int) -> None:
     """The expert, whose hand opens on the way."""
-    body = RecordedBody(recorder, rng, lose_after=int(rng.integers(10, 40)))
-    square_expert(recorder.env, body, body.manner)
+    fail(arm, seed, "early-release", _ignored)
 
 
-def beside_the_peg(recorder: Recorder, rng: np.random.Generator) -> None:
-    """The expert, who takes the peg to be 5 to 12 cm from where it is."""
-    angle = rng.uniform(0, 2 * np.pi)
-    bias = rng.uniform(0.05, 0.12) * np.array([np.cos(angle), np.sin(angle), 0.0])
-    body = RecordedBody(recorder, rng, bias=bias)
-    square_expert(recorder.env, body, body.manner)
+def beside_the_peg(arm: Any, seed: int) -> None:
+    """The expert, who takes the peg to be 5 to 12 cm nearer than it is."""
+    fail(arm, seed, "misjudged-goal", _ignored)
 
 
-def aimless(recorder: Recorder, rng: np.random.Generator) -> None:
+def aimless(arm: Any, seed: int) -> None:
     """Takes the nut and moves it about at random."""
-    body = _with_the_nut(recorder, rng)
-    drift = np.zeros(6)
+    body, rng, drift = _with_the_nut(arm, seed), np.random.default_rng([seed, 1]), np.zeros(6)
     for _ in range(AIMLESS_STEPS):
         drift = 0.9 * drift + 0.3 * rng.normal(0.0, 0.6, 6) * [1, 1, 1, 0.3, 0.3, 0.3]
         body.act(np.clip(drift, -1, 1), CLOSE)
 
 
-def still(recorder: Recorder, rng: np.random.Generator) -> None:
+def still(arm: Any, seed: int) -> None:
     """Takes the nut and keeps it where it is."""
-    body = _with_the_nut(recorder, rng)
+    body = _with_the_nut(arm, seed)
     for _ in range(AIMLESS_STEPS):
         body.wait(CLOSE)
 
 
-def _with_the_nut(recorder: Recorder, rng: np.random.Generator) -> RecordedBody:
-    body = RecordedBody(recorder, rng)
-    take_hold(body, recorder.env.task.object(), recorder.env.robot, GraspSettings())
+def _with_the_nut(arm: Any, seed: int) -> Body:
+    arm.reset(seed)
+    body = Body(arm, _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5), arm.horizon)
+    take_hold(body, arm.task.object(), arm.robot, GraspSettings())
     return body
 
 
-BEHAVIOURS: dict[str, Callable[[Recorder, np.random.Generator], None]] = {
+BEHAVIOURS: dict[str, Callable[[Any, int], None]] = {
     "expert": expert,
     "released early": released_early,
     "beside the peg": beside_the_peg,
@@ -173,10 +150,8 @@ BEHAVIOURS: dict[str, Callable[[Recorder, np.random.Generator], None]] = {
 
 def play(recorder: Recorder, behaviour: str, seed: int) -> Episode:
     """One episode of a behaviour."""
-    recorder.env.reset(seed)
-    recorder.begin()
     with contextlib.suppress(HorizonReached):
-        BEHAVIOURS[behaviour](recorder, np.random.default_rng([seed, 1]))
+        BEHAVIOURS[behaviour](RecordedArm(recorder), seed)
     return recorder.episode()
 
 

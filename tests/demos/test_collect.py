@@ -9,6 +9,7 @@ from ocplanner.demos.collect import collect
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.errors import DatasetError, InvalidValueError, UnknownNameError
+from ocplanner.holding import held_steps
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def toy(monkeypatch):
     monkeypatch.setattr(collecting.Workplace, "make", lambda self: Env())
     monkeypatch.setattr(collecting, "_env_args", lambda *_: {"env_name": "NutAssemblySquare"})
 
-    def record(env, seed):
+    def record(env, seed, flaw=None):
         return None if seed % 3 == 1 else {"actions": np.full((4, 7), seed / 1e4)}
 
     monkeypatch.setattr(collecting, "record", record)
@@ -83,6 +84,24 @@ def test_a_stopped_collection_goes_on(toy, tmp_path):
         assert sorted(file["data"]) == ["demo_0", "demo_1", "demo_3", "demo_4", "demo_6"]
 
 
+@pytest.mark.parametrize("flaw", ["early-release", "misjudged-goal"])
+def test_records_failures(tmp_path, flaw):
+    collected = collect(tmp_path / "failures.hdf5", episodes=2, flaw=flaw)
+    with Demonstrations(collected.path) as demos:
+        assert json.loads(demos.attrs["ocplanner_collect"])["flaw"] == flaw
+        peg = np.array([0.23, 0.10])
+        for demo in demos:
+            assert demo.rewards.max() == demo.dones.max() == 0
+            positions, rotations = demo.object_poses("SquareNut")
+            held = held_steps(positions, rotations, demo.eef_positions, demo.actions[:, 6])
+            assert demo.actions[-1, 6] == -1
+            assert np.linalg.norm(positions[-1, :2] - peg) > 0.02
+            lowest, highest = (8, 55) if flaw == "early-release" else (60, 150)
+            assert lowest < held.sum() < highest
+            let_go = np.flatnonzero(held)[-1] + 1
+            assert (positions[let_go, 2] > 0.94) == (flaw == "early-release")  # in the air, or put down
+
+
 def test_gives_up_when_nothing_succeeds(toy, tmp_path, monkeypatch):
     monkeypatch.setattr(collecting, "record", lambda env, seed: None)
     with pytest.raises(DatasetError, match="0 of 1000"):
@@ -94,6 +113,7 @@ def test_gives_up_when_nothing_succeeds(toy, tmp_path, monkeypatch):
     [
         ({"robot": "Nobody"}, UnknownNameError),
         ({"task": "Nothing"}, UnknownNameError),
+        ({"flaw": "sloth"}, UnknownNameError),
         ({"seed": 10}, InvalidValueError),  # its seeds are kept for evaluation
         ({"seed": -1}, InvalidValueError),
         ({"episodes": 0}, InvalidValueError),

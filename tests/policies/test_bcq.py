@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from lightning_fabric import Fabric
 
 from ocplanner.policies.bcq import BCQ, Critic, target_values
 from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.bcq_learning import BatchConstrainedQ
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
+from ocplanner.policies.transitions import TransitionBatch
 
 from robomimic.algo import algo_factory  # isort: skip
 from robomimic.config import config_factory  # isort: skip
@@ -48,6 +51,16 @@ def bcq(small):
     settings = replace(config.bcq, tau=0.25, critic_learning_rate=1e-3)
     config = replace(config, observation=replace(config.observation, normalise=False), bcq=settings)
     return config, make_network(config, 23, 7)
+
+
+class Given:
+    """Samples that are one batch."""
+
+    def __init__(self, batch: TransitionBatch) -> None:
+        self._batch = batch
+
+    def transition_batch(self, *_) -> TransitionBatch:
+        return self._batch
 
 
 def linears(module) -> list[torch.nn.Linear]:
@@ -121,13 +134,8 @@ def test_losses_targets_and_choices_are_robomimics(theirs, bcq, monkeypatch):
     assert memory is None
 
 
-def test_training_steps_are_robomimics(theirs, bcq, monkeypatch, tmp_path):
+def test_training_steps_are_robomimics(theirs, bcq, monkeypatch):
     """Weights after three steps of the whole algorithm: both updates, their order, and the targets that follow."""
-    from lightning_fabric import Fabric
-
-    from ocplanner.policies.bcq_learning import BatchConstrainedQ
-    from ocplanner.policies.transitions import TransitionBatch
-
     config, ours = bcq
     take_over(ours, theirs)
     learner = BatchConstrainedQ(Fabric(accelerator="cpu", devices=1), config, ours)
@@ -139,21 +147,13 @@ def test_training_steps_are_robomimics(theirs, bcq, monkeypatch, tmp_path):
     prior = theirs.nets["action_sampler"]._vae.nets["prior"]
     monkeypatch.setattr(prior, "sample", lambda n, **_: draws["now"][:, 1:].reshape(n, LATENT))
 
-    class Same:
-        @staticmethod
-        def transition_batch(rows, *_):
-            return TransitionBatch(
-                seen(batch["obs"]),
-                batch["actions"],
-                batch["rewards"][:, 0],
-                batch["dones"][:, 0],
-                seen(batch["next_obs"]),
-            )
-
+    shown = TransitionBatch(
+        seen(batch["obs"]), batch["actions"], batch["rewards"][:, 0], batch["dones"][:, 0], seen(batch["next_obs"])
+    )
     for step in range(3):
         draws["now"] = learner._noise(BATCH, (2, step))
         info = theirs.log_info(theirs.train_on_batch(batch, 0))
-        reported = learner.step(Same, np.arange(BATCH), step)
+        reported = learner.step(Given(shown), np.arange(BATCH), step)
         assert float(reported["loss"]) == pytest.approx(info["Loss"], rel=1e-4)
         assert float(reported["vae_reconstruction"]) == pytest.approx(
             info["Action_Sampler/Reconsruction_Loss"], rel=1e-4
@@ -168,6 +168,22 @@ def test_training_steps_are_robomimics(theirs, bcq, monkeypatch, tmp_path):
     decoder = linears(theirs.nets["action_sampler"]._vae.nets["decoder"])
     for a, b in zip([*linears(ours.vae.decoder), ours.vae.action], decoder, strict=True):
         torch.testing.assert_close(a.weight, b.weight, rtol=1e-4, atol=1e-6)
+
+
+def test_the_targets_follow_batch_normalisation_too(small, observe):
+    config = small("bcq", cameras=("agentview",), schedule="constant", warmup=0)
+    encoder = replace(config.observation.encoder, batch_norm=True)
+    config = replace(config, observation=replace(config.observation, encoder=encoder))
+    network = make_network(config, 23, 7)
+    learner = BatchConstrainedQ(Fabric(accelerator="cpu", devices=1), config, network)
+    seen_now, after = observe((4,), cameras=("agentview",)), observe((4,), cameras=("agentview",))
+    batch = TransitionBatch(seen_now, torch.rand(4, 7), torch.ones(4), torch.zeros(4), after)
+    name = "members.0.seen.cameras.agentview.trunk.norm.0.running_mean"
+    before = learner._targets.state_dict()[name].clone()
+    learner.step(Given(batch), np.arange(4), 0)
+    source, target = network.critics.state_dict()[name], learner._targets.state_dict()[name]
+    assert not torch.equal(source, before)
+    torch.testing.assert_close(target, before + config.bcq.tau * (source - before))
 
 
 def test_nothing_is_expected_after_the_end():

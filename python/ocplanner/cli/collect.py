@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
+from ocplanner.demos.flawed import Flaw
 from ocplanner.progress import counting_columns
 
 
@@ -25,7 +26,9 @@ class Collect:
     robot: str = "Panda"
     """The arm."""
     episodes: int = 100
-    """Successful demonstrations to record; failed attempts are left out and counted."""
+    """Successful demonstrations to record (with --flaw: failures); other attempts are left out and counted."""
+    flaw: Flaw | None = None
+    """Record failures instead: the expert lets go on the way, or puts the object down beside its goal."""
     seed: int = 0
     """0 to 9: which thousand of attempts. Seeds from 10000 on are kept for evaluation."""
     workers: int = 1
@@ -56,13 +59,15 @@ class Collect:
                 self.robot,
                 episodes=self.episodes,
                 seed=self.seed,
+                flaw=self.flaw,
                 workers=self.workers,
                 ray=self.ray,
                 overwrite=self.overwrite,
                 progress=count,
             )
         console.print(
-            f"{collected.path}: {collected.demonstrations} demonstrations; {collected.failures} failed attempts",
+            f"{collected.path}: {collected.demonstrations} {'demonstrations' if self.flaw is None else 'failures'}; "
+            f"{collected.failures} {'failed' if self.flaw is None else 'successful'} attempts left out",
             soft_wrap=True,
         )
 

@@ -1,8 +1,9 @@
-"""Recording scripted demonstrations as a robomimic data set."""
+"""Recording scripted demonstrations, or failures, as a robomimic data set."""
 
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from ocplanner.demos.expert import demonstrate, expert_of
+from ocplanner.demos.flawed import Flaw, fail
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.environment import ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
 from ocplanner.errors import DatasetError, InvalidValueError
 from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.settings import require_choice
 
 FIRST_EVALUATION_SEED = 10000
 _SEEDS_EACH = 1000
@@ -36,7 +39,7 @@ class Collected:
     Attributes:
         path: the data set.
         demonstrations: how many it holds.
-        failures: attempts that failed and were left out.
+        failures: attempts that failed (with a flaw: succeeded) and were left out.
     """
 
     path: Path
@@ -63,29 +66,31 @@ def collect(
     *,
     episodes: int = 100,
     seed: int = 0,
+    flaw: Flaw | None = None,
     workers: int = 1,
     ray: str | None = None,
     overwrite: bool = False,
     progress: Callable[[str, bool], None] | None = None,
 ) -> Collected:
-    """Let the scripted expert solve a task until enough attempts have succeeded.
+    """Let the scripted expert solve a task until enough attempts have succeeded, or failed because of a flaw.
 
-    ``demo_K`` is the attempt with seed ``1000 * seed + K``; a failed attempt leaves a gap. The data set does not depend
-    on the number of workers, and one that was stopped goes on when called again.
+    ``demo_K`` is the attempt with seed ``1000 * seed + K``; an attempt of the other outcome leaves a gap. The data set
+    does not depend on the number of workers, and one that was stopped goes on when called again.
 
     Args:
         path: the data set to make, in the layout of robosuite 1.5.
         task: name of the task.
         robot: name of the robot.
-        episodes: successes to record.
+        episodes: successes to record, with a flaw failures.
         seed: 0 to 9: which thousand of attempts; seeds from 10000 on are kept for evaluation.
+        flaw: what the expert does wrong, see :func:`ocplanner.demos.flawed.fail`.
         workers: processes.
         ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         overwrite: replace ``path`` if it is there.
-        progress: called with each attempt's name and whether it succeeded.
+        progress: called with each attempt's name and whether it was recorded.
 
     Raises:
-        UnknownNameError: no such task or robot, or no expert for the task.
+        UnknownNameError: no such task, robot or flaw, or no expert for the task.
         InvalidValueError: a number out of its domain.
         DatasetError: too many attempts failed.
         OutputError: ``path`` exists or cannot be written.
@@ -99,9 +104,13 @@ def collect(
         raise InvalidValueError(
             f"episodes must be 1 to {_SEEDS_EACH} and workers at least 1, not {episodes} and {workers}"
         )
+    if flaw is not None:
+        require_choice("flaw", flaw, Flaw)
     first = seed * _SEEDS_EACH
     workplace = Workplace(spec.name, arm.name)
-    attrs = {"ocplanner_collect": json.dumps({"expert": "scripted", "first_seed": first}, sort_keys=True)}
+    made = {"expert": "scripted", "first_seed": first, **({} if flaw is None else {"flaw": flaw})}
+    attrs = {"ocplanner_collect": json.dumps(made, sort_keys=True)}
+    attempt_with = record if flaw is None else partial(record, flaw=flaw)
     with DatasetWriter(path, _env_args(workplace, arm.patches), data_attrs=attrs, overwrite=overwrite) as writer:
         succeeded = {int(name.removeprefix("demo_")) for name in writer.done}
         for attempt in sorted(succeeded):
@@ -115,7 +124,9 @@ def collect(
                     f"only {len(succeeded)} of {_SEEDS_EACH} attempts succeeded with {arm.name}; "
                     "the expert is made for Panda"
                 )
-            for number, arrays in run_episodes(workplace.make, record, [first + k for k in left], workers, ray=ray):
+            for number, arrays in run_episodes(
+                workplace.make, attempt_with, [first + k for k in left], workers, ray=ray
+            ):
                 attempt = number - first
                 if arrays is None:
                     failures.add(attempt)
@@ -130,8 +141,8 @@ def collect(
         return Collected(Path(path), len(names), sum(attempt < kept[-1] for attempt in failures))
 
 
-def record(env: ManipulationEnv, seed: int) -> dict[str, np.ndarray] | None:
-    """One attempt: robomimic's arrays, each row before its action; None if the expert fails."""
+def record(env: ManipulationEnv, seed: int, flaw: Flaw | None = None) -> dict[str, np.ndarray] | None:
+    """One attempt: robomimic's arrays, each row before its action; None if the expert fails, with a flaw if not."""
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("states", "actions", *(f"obs/{k}" for k in _OBSERVATIONS))}
     successes: list[bool] = []
 
@@ -141,7 +152,8 @@ def record(env: ManipulationEnv, seed: int) -> dict[str, np.ndarray] | None:
         rows["states"].append(np.array(env.sim.get_state().flatten()))
         rows["actions"].append(action.copy())
 
-    if not demonstrate(env, seed, note):
+    solved = demonstrate(env, seed, note) if flaw is None else fail(env, seed, flaw, note)
+    if solved != (flaw is None):
         return None
     successes.append(env.success())
     for state in rows["states"]:

@@ -6,7 +6,7 @@ import torch
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError
 from ocplanner.policies.bcq import BCQ
-from ocplanner.policies.data import load_samples
+from ocplanner.policies.foreign_episode import load_episode
 from ocplanner.policies.policy import Policy
 
 _BATCH = 256
@@ -15,7 +15,8 @@ _BATCH = 256
 def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
     """(E, T) float32: Q(s_t, a_t) of each of E critics for the recorded actions of an episode of T steps.
 
-    The first critic is the one that acts. Rewards and dones of the episode are not read, so it may have none.
+    The first critic is the one that acts. Rewards and dones of the episode are not read, so it may have none; and it
+    may be of another robosuite version, see :func:`ocplanner.policies.foreign_episode.load_episode`.
 
     Args:
         policy: trained by BCQ.
@@ -23,13 +24,13 @@ def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
         name: the demonstration.
 
     Raises:
-        MismatchError: the policy has no critics.
+        MismatchError: the policy has no critics, or the episode is of another task or kind of actions.
         DatasetError: an observation is missing or of another size.
     """
     network, config = policy.actor, policy.training
     if not isinstance(network, BCQ):
         raise MismatchError(f"{policy.path} was trained by {config.algorithm}, which has no critics; train one by bcq")
-    samples = load_samples(demos, [name], config)
+    samples = load_episode(policy, demos, name)
     values = []
     with torch.inference_mode():
         for start in range(0, len(samples), _BATCH):

@@ -1,0 +1,69 @@
+"""An episode of any data set as a policy's own data set would have recorded it."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ocplanner.demos.action_frame import ActionFrame
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.errors import MismatchError
+from ocplanner.policies.data import Samples, load_samples
+from ocplanner.policies.policy import Policy
+
+_BLOCK = 14
+"""Numbers of one object in ``object`` where the order may differ: absolute pose, relative pose."""
+
+
+def load_episode(policy: Policy, demos: Demonstrations, name: str) -> Samples:
+    """One demonstration with ``object`` in the policy's order and actions in its frame and scale.
+
+    robosuite 1.4 and 1.5 differ in both. The relative poses that 1.5 records are a control step old.
+
+    Raises:
+        DatasetError: an observation is missing or of another size.
+        MismatchError: another task than the policy's, or actions that cannot be turned into its frame.
+    """
+    config, demo = policy.config, demos[name]
+    if demos.task_name != config["task"]:
+        raise MismatchError(f"{demos.path} shows {demos.task_name}, but {policy.path} was trained on {config['task']}")
+    samples = load_samples(demos, [name], policy.training)
+    low_dim, actions = samples.low_dim, samples.actions
+    if "object" in policy.training.observation.low_dim and demo.object_layout() != config["object_layout"]:
+        low_dim = _swapped(low_dim, demo, policy.training.observation.low_dim)
+    if config["action_frame"] is not None:
+        actions = _in_frame(actions, policy, demos, demo)
+    return replace(samples, low_dim=low_dim, actions=actions)
+
+
+def _swapped(low_dim: Tensor, demo: Demonstration, keys: tuple[str, ...]) -> Tensor:
+    """Absolute and relative pose of every object exchanged."""
+    widths = [demo.observation(key, slice(0, 1)).shape[1] for key in keys]
+    place = keys.index("object")
+    parts = list(low_dim.split(widths, dim=1))
+    halves = parts[place].unflatten(1, (-1, 2, _BLOCK // 2))
+    parts[place] = halves.flip(2).flatten(1)
+    return torch.cat(parts, dim=1)
+
+
+def _in_frame(actions: Tensor, policy: Policy, demos: Demonstrations, demo: Demonstration) -> Tensor:
+    wanted, scale = policy.config["action_frame"], policy.config["action_scale"]
+    with ActionFrame(demos) as frame:
+        factors = frame.scale.position / scale["position"], frame.scale.rotation / scale["rotation"]
+        if frame.name == wanted and factors == (1.0, 1.0):
+            return actions
+        if frame.name != wanted and wanted != "world":
+            raise MismatchError(
+                f"{demos.path} has actions in the {frame.name} frame, but {policy.path} learned from the {wanted} "
+                "frame; record the episode with the robosuite version of the policy's data set"
+            )
+        turn = np.tile(np.eye(3), (demo.length, 1, 1))
+        if frame.name != wanted:
+            turn = frame.rotations_world(demo, np.arange(demo.length))
+    parts = [
+        torch.from_numpy(np.einsum("bij,bj->bi", turn, actions[:, 3 * part : 3 * part + 3].numpy()) * factors[part])
+        for part in (0, 1)
+    ]
+    return torch.cat([part.float() for part in parts] + [actions[:, 6:]], dim=1)
