@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import pytest
 import tyro
@@ -34,6 +35,15 @@ def test_flags_reach_the_configuration():
     assert (config.mask, config.seed, config.steps, config.batch, config.threads) == (None, 3, 7, 4, 2)
     assert (config.learning_rate, config.ema) == (0.01, 0)
     assert (config.observation.cameras, config.observation.low_dim) == (("agentview",), ("a", "b"))
+
+
+def test_the_kl_weight_is_bcqs():
+    config = parsed("--algorithm", "bcq", "--kl-weight", "0.005").configuration()
+    base = preset("cpu", "bcq")
+    assert base.bcq is not None
+    assert config == replace(base, bcq=replace(base.bcq, kl_weight=0.005))
+    with pytest.raises(InvalidValueError, match="--kl-weight is for --algorithm bcq alone"):
+        parsed("--kl-weight", "0.005").configuration()
 
 
 def test_a_robomimic_configuration_decides_and_flags_override(tmp_path):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ocplanner.errors import InvalidValueError
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import (
     Algorithm,
     HintConfig,
@@ -60,6 +61,8 @@ class TrainPolicy:
     """Samples or sequences a step instead of the preset's, over all processes together."""
     learning_rate: float | None = None
     """Instead of the preset's; of bcq its action VAE's."""
+    kl_weight: float | None = None
+    """Of bcq's action VAE instead of the preset's: the smaller, the more its proposals differ."""
     ema: float | None = None
     """Decay of the averaged weights that become the policy instead of the preset's; 0: off."""
     save_every: int | None = None
@@ -113,7 +116,10 @@ class TrainPolicy:
         flags = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.mask is not None:
             flags["mask"] = None if self.mask == "all" else self.mask
-        seen, network = base.observation, base.network
+        seen, network, bcq = base.observation, base.network, base.bcq
+        if self.kl_weight is not None:
+            require(bcq is not None, "--kl-weight is for --algorithm bcq alone")
+            flags["bcq"] = replace(bcq or BCQConfig(), kl_weight=self.kl_weight)
         return replace(
             base,
             observation=replace(
