@@ -41,7 +41,7 @@ class Journal:
         if found != identity:
             differing = sorted(key for key in {*found, *identity} if found.get(key) != identity.get(key))
             raise OutputError(
-                f"{path} holds episodes run with another {', '.join(differing)}; finish that transfer with its own "
+                f"{path} holds episodes run with another {', '.join(differing)}; finish that run with its own "
                 "settings, delete the file, or choose another output"
             )
         whole = lines[0]
