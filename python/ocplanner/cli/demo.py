@@ -86,7 +86,7 @@ class Demo:
         ).run()
 
         console.rule("6/6 report")
-        Report(paths=(self.out,), out=self.out / "report.html", data=images).run()
+        Report(paths=(self.out,), out=self.out / "report.html", data=(images,)).run()
 
 
 COMMAND = Demo

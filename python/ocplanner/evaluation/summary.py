@@ -8,6 +8,7 @@ from typing import Any
 
 from ocplanner.errors import ResultFileError
 from ocplanner.evaluation import encoders, held_out, table1
+from ocplanner.evaluation.policy_experiments import HINTS
 
 NOTHING = "Not measured yet."
 
@@ -98,7 +99,7 @@ def policy_table(results: Path) -> str:
 
 def _policy(row: Mapping[str, Any]) -> list[str]:
     low, high = row["last_five_interval"]
-    hint = table1.HINTS[row["hint"]]
+    hint = HINTS[row["hint"]]
     published = row["published_best"]
     return [
         f"{row['algorithm'].upper()} ({row['observations']})",
