@@ -46,8 +46,21 @@ def test_an_object_that_the_hand_leaves_behind_is_not_held():
     positions, rotations, hands, gripper = carry()
     positions[60:] = positions[60]
     held = held_steps(positions, rotations, hands, gripper)
-    assert held[:64].tolist() == [step in HELD for step in range(64)]
-    assert not held[66:].any()
+    assert held[:63].tolist() == [step in HELD for step in range(63)]
+    assert not held[65:].any()
+
+
+def test_an_object_that_closing_fingers_push_is_not_held():
+    positions, rotations, hands, gripper = carry()
+    pushed = np.array([0.0, 0.0, 1.0]) * 0.004 * np.clip(np.arange(STEPS) - GRASP, 0, 5)[:, None]
+    assert not held_steps(pushed, rotations, np.tile(hands[0], (STEPS, 1)), gripper).any()
+    held = held_steps(positions + pushed, rotations, hands + pushed[-1], gripper)
+    assert np.flatnonzero(held).tolist() == list(HELD)
+
+
+def test_an_object_that_slides_in_the_hand_is_not_held():
+    positions, rotations, hands, gripper = carry()
+    assert not held_steps(0.8 * positions, rotations, hands, gripper).any()
 
 
 def test_what_comes_later_changes_nothing():
@@ -79,6 +92,7 @@ def test_holds_between_grasp_and_release_of_every_recording(square_ph):
             positions, rotations = demo.object_poses("SquareNut")
             held = held_steps(positions, rotations, demo.eef_positions, demo.actions[:, -1])
             segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
-            carried = np.zeros(demo.length, bool)
-            carried[segment.onset : segment.release + 1] = True
-            assert (held != carried).sum() < 13, demo.name
+            steps = np.flatnonzero(held)
+            assert -7 < steps[0] - segment.onset < 18, demo.name
+            assert steps[-1] == segment.release, demo.name
+            assert held[steps[0] : steps[-1]].all(), demo.name

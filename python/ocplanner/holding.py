@@ -10,15 +10,18 @@ from ocplanner.pose import Pose
 
 @dataclass(frozen=True)
 class HoldRule:
-    """When a closed gripper holds the object.
+    """When a closed gripper holds the object: it takes the object along.
 
     Attributes:
-        moved: the object has moved this far (m) since the gripper began to close.
-        slipped: the hand is no farther (m) from where it then was in the object's frame.
+        carried: the hand has moved this far (m) with the object before the object counts as held.
+        slip: how far (m) the hand may move in the object's frame meanwhile; fingers that push an object, or miss it,
+            move farther.
+        lost: what was held is lost once the hand is this far (m) from where it held it, in the object's frame.
     """
 
-    moved: float = 0.004
-    slipped: float = 0.04
+    carried: float = 0.004
+    slip: float = 0.001
+    lost: float = 0.03
 
 
 DEFAULT_RULE = HoldRule()
@@ -29,7 +32,8 @@ class Hold:
 
     def __init__(self, rule: HoldRule = DEFAULT_RULE) -> None:
         self._rule = rule
-        self._closed_at: tuple[np.ndarray, np.ndarray] | None = None
+        self._since: tuple[np.ndarray, np.ndarray] | None = None  # the hand: in the world, in the object's frame
+        self._held = False
 
     def update(self, object_pose: Pose, eef_position: np.ndarray, last_gripper: float) -> bool:
         """Whether the object is held before the next action.
@@ -40,17 +44,19 @@ class Hold:
             last_gripper: the gripper's part of the last action: above 0 closes, below 0 opens, 0 keeps. Before the
                 first action, any number below 0.
         """
-        if last_gripper < 0:
-            self._closed_at = None
         grip = object_pose.rotation.T @ (eef_position - object_pose.position)
-        if self._closed_at is None:
-            if last_gripper > 0:
-                self._closed_at = (object_pose.position.copy(), grip)
-            return False
-        start, start_grip = self._closed_at
-        moved = float(np.linalg.norm(object_pose.position - start))
-        slipped = float(np.linalg.norm(grip - start_grip))
-        return moved > self._rule.moved and slipped < self._rule.slipped
+        now = (eef_position.copy(), grip)
+        if last_gripper < 0:
+            self._since, self._held = None, False
+        elif self._since is None:
+            self._since = now if last_gripper > 0 else None
+        else:
+            slip = float(np.linalg.norm(grip - self._since[1]))
+            if slip > (self._rule.lost if self._held else self._rule.slip):
+                self._since, self._held = now, False
+            elif not self._held and np.linalg.norm(eef_position - self._since[0]) >= self._rule.carried:
+                self._since, self._held = now, True
+        return self._held
 
 
 def held_steps(
