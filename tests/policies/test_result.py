@@ -23,6 +23,11 @@ def test_the_two_numbers_that_papers_report(result):
     assert [checkpoint.step for checkpoint in result.last_checkpoints] == [30, 40, 50, 60, 70]
 
 
+def test_failures_are_counted_by_class(result):
+    assert result.checkpoints[1].failures == {"time-out": 4}
+    assert str(result).splitlines()[2] == "step 20: 0/4 succeeded, 95 % interval 0.00-0.49; 4 time-out"
+
+
 def test_a_saved_result_is_read_back(result, tmp_path):
     assert PolicyResult.load(result.save(tmp_path / "result.json")) == result
 

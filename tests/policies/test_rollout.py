@@ -6,6 +6,7 @@ from ocplanner.errors import MismatchError
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_actor
 from ocplanner.policies.policy import Policy, save_policy
+from ocplanner.holding import Hold
 from ocplanner.policies.rollout import PolicyRollout
 
 ABOUT = {
@@ -54,7 +55,7 @@ def test_a_recorded_frame_and_scale_are_kept_on_any_arm(policy, robot, scale):
     with make_env("Square", robot, cameras=()) as env:
         rollout = PolicyRollout(env, Says(policy(action_scale=scales), [0, 0.5, 0, 0, 0, 0, -1]))
         for horizon in (5, 15):
-            assert rollout.play(20000, horizon) == (False, horizon)
+            assert rollout.play(20000, horizon) == (False, horizon, "missed grasp")
             along.append(env.eef_pose().position)
     moved = along[1] - along[0]
     assert moved[1] > 0.02 * scale
@@ -64,7 +65,14 @@ def test_a_recorded_frame_and_scale_are_kept_on_any_arm(policy, robot, scale):
 def test_an_episode_ends_where_the_task_is_solved(policy, monkeypatch):
     with make_env("Square", "Panda", cameras=()) as env:
         monkeypatch.setattr(type(env), "success", lambda self: self.steps == 7)
-        assert PolicyRollout(env, policy()).play(20000) == (True, 7)
+        assert PolicyRollout(env, policy()).play(20000) == (True, 7, None)
+
+
+@pytest.mark.parametrize(("until", "failure"), [(0, "missed grasp"), (5, "lost grasp"), (10, "time-out")])
+def test_a_failure_is_told_by_when_the_object_was_held(policy, monkeypatch, until, failure):
+    monkeypatch.setattr(Hold, "update", lambda self, *_: env.steps < until)
+    with make_env("Square", "Panda", cameras=()) as env:
+        assert PolicyRollout(env, policy()).play(20000, 10) == (False, 10, failure)
 
 
 def test_episodes_repeat(policy):

@@ -76,7 +76,7 @@ class PolicyStage:
             outcome = self._loaded[1].play(seed, self.scenario.horizon)
         finally:
             torch.set_num_threads(before)
-        return Run(seed, outcome.success, outcome.steps, None if outcome.success else "time-out", None)
+        return Run(seed, outcome.success, outcome.steps, outcome.failure, None)
 
     def close(self) -> None:
         """Free the simulation."""

@@ -1,6 +1,7 @@
 """What an evaluation of policies gives: every episode of every checkpoint, and the two numbers that papers report."""
 
 import json
+from collections import Counter
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,11 @@ class Checkpoint:
     def rate(self) -> float:
         """Share of episodes that succeeded."""
         return self.successes / len(self.runs)
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Failed episodes by class, see :class:`ocplanner.policies.rollout.Outcome`."""
+        return dict(Counter(run.failure for run in self.runs if run.failure is not None))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -109,7 +115,7 @@ class PolicyResult:
                     "successes": checkpoint.successes,
                     "interval": list(checkpoint.interval),
                     "runs": [
-                        {key: value for key, value in asdict(run).items() if key in ("seed", "success", "steps")}
+                        {key: value for key, value in asdict(run).items() if key != "released_by"}
                         for run in checkpoint.runs
                     ],
                 }
@@ -154,7 +160,7 @@ class PolicyResult:
             low, high = checkpoint.interval
             lines.append(
                 f"step {checkpoint.step}: {checkpoint.successes}/{len(checkpoint.runs)} succeeded, "
-                f"95 % interval {low:.2f}-{high:.2f}"
+                f"95 % interval {low:.2f}-{high:.2f}{_counted(checkpoint.failures)}"
             )
         if len(self.checkpoints) > 1:
             last = min(_LAST, len(self.checkpoints))
@@ -162,9 +168,13 @@ class PolicyResult:
         return "\n".join(lines)
 
 
+def _counted(failures: dict[str, int]) -> str:
+    return "".join(f"; {count} {failure}" for failure, count in sorted(failures.items()))
+
+
 def _checkpoint(content: dict[str, Any]) -> Checkpoint:
     runs = tuple(
-        Run(int(run["seed"]), bool(run["success"]), int(run["steps"]), None if run["success"] else "time-out", None)
+        Run(int(run["seed"]), bool(run["success"]), int(run["steps"]), run.get("failure"), None)
         for run in content["runs"]
     )
     return Checkpoint(int(content["step"]), str(content["sha256"]), runs)

@@ -8,6 +8,7 @@ from ocplanner.demos.layouts import Order
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.recorded_observation import recorded_observation
 from ocplanner.errors import MismatchError
+from ocplanner.holding import Hold
 from ocplanner.live_plan import Pictures
 from ocplanner.policies.hint import HINT_KEY
 from ocplanner.policies.live_hint import LiveHint
@@ -18,10 +19,18 @@ _SCALE_POSITION, _SCALE_ROTATION = 0.05, 0.5
 
 
 class Outcome(NamedTuple):
-    """How an episode ended: whether the task was solved, and after how many control steps."""
+    """How an episode ended.
+
+    Attributes:
+        success: the task was solved.
+        steps: control steps used.
+        failure: None, or ``missed grasp`` (the object was never held, by the rule of :mod:`ocplanner.holding`),
+            ``lost grasp`` (it was, and is no more) or ``time-out`` (it still is).
+    """
 
     success: bool
     steps: int
+    failure: str | None
 
 
 class PolicyRollout:
@@ -67,14 +76,17 @@ class PolicyRollout:
         self.policy.reset(seed)
         if self.hint is not None:
             self.hint.reset()
-        gripper = -1.0
+        gripper, hold, held, ever = -1.0, Hold(), False, False
         for step in range(horizon or self.env.horizon):
+            held = hold.update(self.env.object_pose(), self.env.eef_pose().position, gripper)
+            ever = ever or held
             action = self.policy.act(self._observation(gripper))[0]
             self.env.step(self._carried_out(action))
             gripper = float(action[-1])
             if self.env.success():
-                return Outcome(True, step + 1)
-        return Outcome(False, horizon or self.env.horizon)
+                return Outcome(True, step + 1, None)
+        failure = "time-out" if held else "lost grasp" if ever else "missed grasp"
+        return Outcome(False, horizon or self.env.horizon, failure)
 
     def _observation(self, gripper: float) -> dict[str, np.ndarray]:
         env = self.env
