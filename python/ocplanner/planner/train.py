@@ -13,6 +13,7 @@ import torch
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, TrainingError
+from ocplanner.memory import keep_freed_memory
 from ocplanner.planner.config import PlannerTraining, to_dict
 from ocplanner.planner.export import Provenance, export_planner
 from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_frames, split
@@ -64,6 +65,7 @@ def train_on_frames(
     progress: Progress | None = None,
 ) -> Path:
     """Train on frames already in memory; otherwise as :func:`train_planner`."""
+    keep_freed_memory()
     with locked(run), _threads(config.threads):
         folder = RunFolder(run)
         folder.claim({**to_dict(config), "data": {"train": train.digest(), "valid": valid.digest()}})

@@ -21,6 +21,7 @@ from torch.multiprocessing.spawn import ProcessRaisedException
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
+from ocplanner.memory import keep_freed_memory
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.optimisation import BatchOrder
 from ocplanner.planner.progress import Progress
@@ -98,6 +99,7 @@ def _fabric(config: PolicyTraining, processes: int, elastic: bool) -> Fabric:
 
 def _process(fabric: Fabric, config: PolicyTraining, data: Path, run: Path) -> Path | OcplannerError:
     """One process's training; errors for users come back as values, which survive the way between processes."""
+    keep_freed_memory()
     before = torch.get_num_threads()
     torch.set_num_threads(config.threads)
     try:
