@@ -5,6 +5,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 
 import bench_policies
+from turns import Turn
 
 
 def test_both_sides_train_and_are_written(tiny_square, tmp_path, monkeypatch):
@@ -20,19 +21,14 @@ def test_both_sides_train_and_are_written(tiny_square, tmp_path, monkeypatch):
     assert {"torch", "numpy"} <= set(written["versions"])
 
 
-def test_medians_and_ratios(monkeypatch):
-    now = [0.0]
+def test_medians_and_ratios():
+    def played(*steps: tuple[float, float]) -> list[Turn]:
+        return [Turn(whole, whole, fetching) for whole, fetching in steps]
 
-    def side(whole: float, fetching: float):
-        def step() -> float:
-            now[0] += whole
-            return fetching
-
-        return step
-
-    monkeypatch.setattr(bench_policies.time, "perf_counter", lambda: now[0])
-    taken = bench_policies.measure({"ours": side(0.002, 0.001), "robomimic": side(0.006, 0.002)}, turns=3, steps=2)
-    assert [len(values) for values in taken["ours"]] == [3, 3]
+    mine = played((0.001, 0.0), (0.003, 0.002), (0.002, 0.001), (0.002, 0.001))
+    theirs = played(*[(0.006, 0.002)] * 4)
+    taken = {"ours": bench_policies.seconds(mine, 2), "robomimic": bench_policies.seconds(theirs, 2)}
+    assert [len(values) for values in taken["ours"]] == [2, 2]
     row = bench_policies.row("case", taken)
     assert (row["ours"], row["robomimic"], row["ratio"]) == (2.0, 6.0, 3.0)
     assert row["without data"] == {"ours": 1.0, "robomimic": 4.0, "ratio": 4.0}
