@@ -33,7 +33,12 @@ def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
     written = json.loads((tmp_path / "out.json").read_text())
     assert written["training"]["algorithm"] == "bc"
     assert written["best"] == 0
-    assert written["checkpoints"][1]["runs"][0] == {"seed": 30002, "success": False, "steps": 3, "failure": "missed grasp"}
+    assert written["checkpoints"][1]["runs"][0] == {
+        "seed": 30002,
+        "success": False,
+        "steps": 3,
+        "failure": "missed grasp",
+    }
     assert [checkpoint.step for checkpoint in short(run_folder, last=1).checkpoints] == [20]
     assert not (tmp_path / "out.json.journal").exists()
 

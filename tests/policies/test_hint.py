@@ -123,3 +123,26 @@ def test_the_penalty_is_in_the_loss_of_training_alone(small, observe, algorithm)
     torch.testing.assert_close(losses[2.0][0], losses[0.0][0] + 2 * motion)
     assert motion > 0
     assert losses[2.0][1] == losses[0.0][1]
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+@pytest.mark.parametrize("training", [True, False])
+def test_the_plan_stands_for_the_pictures_while_the_object_is_held(small, observe, algorithm, training):
+    config = small(algorithm, hint=(1,), cameras=("agentview",))
+    hint = replace(config.network.hint, instead_of_pictures=True)
+    actor = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7).train(training)
+    seen = observe(SHAPES[algorithm], 7, cameras=("agentview",))
+    held = torch.zeros(SHAPES[algorithm], dtype=torch.bool)
+    held[2:4] = True
+    seen.hint[..., -1] = held.float()
+    others = {
+        "agentview": torch.where(held[..., None, None, None], 1 - seen.images["agentview"], seen.images["agentview"])
+    }
+    features = actor.encoder(seen, held)
+    assert (features[held][:, -8:] == 0).all()
+    assert (features[~held][:, -8:] != 0).any(dim=-1).all()
+    torch.testing.assert_close(actor.encoder(seen._replace(images=others), held), features)
+    if not training:  # in training the statistics are of the pictures that are seen
+        torch.testing.assert_close(features[~held], actor.encoder(seen)[~held])
+    all_held = seen._replace(hint=torch.ones_like(seen.hint))
+    assert actor(all_held, torch.zeros(*SHAPES[algorithm], 7)).isfinite()

@@ -3,10 +3,10 @@ import pytest
 
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
+from ocplanner.holding import Hold
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_actor
 from ocplanner.policies.policy import Policy, save_policy
-from ocplanner.holding import Hold
 from ocplanner.policies.rollout import PolicyRollout
 
 ABOUT = {

@@ -47,6 +47,8 @@ class TrainPolicy:
     """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
     hint_residual_penalty: float | None = None
     """Weight in the loss of the squared residual motion while the object is held. Default: 0."""
+    hint_instead_of_pictures: bool = False
+    """While the object is held the policy sees the plan in place of the cameras' pictures."""
     low_dim: tuple[str, ...] | None = None
     """Names of the low-dimensional observations instead of the preset's."""
     cameras: tuple[str, ...] | None = None
@@ -137,7 +139,11 @@ class TrainPolicy:
 
     def _hint(self, base: HintConfig | None) -> HintConfig | None:
         hint = base or (HintConfig() if self.hint else None)
-        given = {"horizons": self.hint_horizons, "residual_penalty": self.hint_residual_penalty}
+        given = {
+            "horizons": self.hint_horizons,
+            "residual_penalty": self.hint_residual_penalty,
+            "instead_of_pictures": self.hint_instead_of_pictures or None,
+        }
         return hint and replace(hint, **{name: value for name, value in given.items() if value is not None})
 
 

@@ -17,6 +17,8 @@ Preset = Literal["cpu", "robomimic"]
 StdActivation = Literal["softplus", "exp"]
 Schedule = Literal["constant", "cosine"]
 
+HINT_KEY = "ocp_hint"
+"""``obs/ocp_hint``: for each k six numbers in the action's frame and scale (position 3, rotation 3), then the flag."""
 PROPRIOCEPTION = ("robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos")
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 
@@ -51,6 +53,8 @@ class HintConfig:
     """What x and y are measured from: the network predicts the difference."""
     residual_penalty: float = 0.0
     """In the loss: so many times the squared motion of the residual A while the object is held, in action units."""
+    instead_of_pictures: bool = False
+    """While the object is held the features of the cameras are zero: the plan says what the pictures have to say."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -139,6 +143,11 @@ class PolicyTraining:
     checkpoint_every: int = 1000
     threads: int = 1
     device: str = "cpu"
+
+    @property
+    def reads_hints(self) -> bool:
+        """Whether a rollout must make hints: they shift the actions, or are an observation, or both."""
+        return self.network.hint is not None or HINT_KEY in self.observation.low_dim
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -84,7 +84,7 @@ class PolicyStage:
 
     def _rollout(self, policy: Policy) -> PolicyRollout:
         hint = None
-        if policy.training.network.hint is not None and self._planner is not None:
+        if policy.training.reads_hints and self._planner is not None:
             labels = policy.config["labels"]
             if labels is None:
                 raise MismatchError(
@@ -144,7 +144,7 @@ def evaluate_policy(
         episodes,
         horizon,
     )
-    hinted = policies[0].training.network.hint is not None
+    hinted = policies[0].training.reads_hints
     if hinted != (planner is not None):
         raise MismatchError(
             f"{policies[0].path} reads hints: give the planner of its data set (--planner)"

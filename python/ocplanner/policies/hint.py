@@ -11,9 +11,6 @@ from ocplanner.errors import ShapeError
 from ocplanner.policies.config import HintConfig
 from ocplanner.policies.gmm import Mixture
 
-HINT_KEY = "ocp_hint"
-"""``obs/ocp_hint``: for each k six numbers in the action's frame and scale (position 3, rotation 3), then the flag."""
-
 
 class HintWeights(nn.Module):
     """Predicts x and y for each mode and each k, and shifts a mixture's means by the weighted hint."""
@@ -34,7 +31,7 @@ class HintWeights(nn.Module):
         Args:
             residual: mixture over actions (position 3, rotation 3, then the gripper) whose means are A.
             features: (..., F).
-            hint: (..., 6 K + 1), see :data:`HINT_KEY`; counts as zero where its flag is 0.
+            hint: (..., 6 K + 1), see :data:`ocplanner.policies.config.HINT_KEY`; counts as zero where its flag is 0.
 
         Raises:
             ShapeError: the hint has another width.

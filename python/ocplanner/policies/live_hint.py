@@ -1,4 +1,4 @@
-"""The hint of :data:`ocplanner.policies.hint.HINT_KEY` in a live environment, as ``ocplanner label`` writes it."""
+"""The hint of :data:`ocplanner.policies.config.HINT_KEY` in a live environment, as ``ocplanner label`` writes it."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -10,6 +10,8 @@ from torch import Tensor, nn
 from ocplanner.planner.encoder import ImageEncoder
 from ocplanner.policies.config import ObservationConfig
 
+_FEWEST = 2
+"""Batch normalisation needs more than one picture."""
 _SMALLEST_STD = 1e-3
 """Numbers that hardly change (a constant quaternion component) are not blown up."""
 
@@ -49,14 +51,24 @@ class ObservationEncoder(nn.Module):
             self.mean.copy_(numbers.mean(dim=0))
             self.std.copy_(numbers.std(dim=0, correction=0).clamp_min(_SMALLEST_STD))
 
-    def forward(self, observation: Observation) -> Tensor:
-        """Features."""
+    def forward(self, observation: Observation, blind: Tensor | None = None) -> Tensor:
+        """Features; those of the cameras are zero where ``blind`` (...,) bool says so."""
         low_dim = observation.low_dim
         parts = [(low_dim - self.mean) / self.std if self.config.normalise else low_dim]
         for name, encoder in self.cameras.items():
             image = observation.images[name]
-            parts.append(encoder(image.flatten(0, -4)).unflatten(0, image.shape[:-3]))
+            parts.append(_encoded(encoder, image.flatten(0, -4), blind).unflatten(0, image.shape[:-3]))
         return torch.cat(parts, dim=-1) if len(parts) > 1 else parts[0]
+
+
+def _encoded(encoder: nn.Module, images: Tensor, blind: Tensor | None) -> Tensor:
+    if blind is None:
+        return encoder(images)
+    seen = ~blind.flatten()
+    if seen.sum() < _FEWEST:
+        return encoder(images) * seen[:, None]
+    features = encoder(images[seen])
+    return features.new_zeros(len(images), features.shape[-1]).masked_scatter(seen[:, None], features)
 
 
 def fit_encoders(network: nn.Module, low_dim: Tensor) -> None:

@@ -16,8 +16,7 @@ from torch import Tensor, nn
 
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.policies.actor import Memory
-from ocplanner.policies.config import training_from_dict
-from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.config import HINT_KEY, training_from_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
@@ -66,8 +65,9 @@ class Policy:
         self.actor.load_state_dict(load_tensors(data))
         self.actor.eval()
         seen = self.training.observation
-        hint = () if self.training.network.hint is None else (HINT_KEY,)
-        self.observation_keys: tuple[str, ...] = (*seen.low_dim, *(f"{name}_image" for name in seen.cameras), *hint)
+        hint = (HINT_KEY,) if self.training.reads_hints else ()
+        keys = (*seen.low_dim, *(f"{name}_image" for name in seen.cameras), *hint)
+        self.observation_keys: tuple[str, ...] = tuple(dict.fromkeys(keys))
         self.reset(0)
 
     @classmethod

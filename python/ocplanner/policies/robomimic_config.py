@@ -13,6 +13,7 @@ from typing import Any
 from ocplanner.errors import InvalidValueError
 from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.config import (
+    HINT_KEY,
     GmmConfig,
     HintConfig,
     NetworkConfig,
@@ -20,7 +21,6 @@ from ocplanner.policies.config import (
     PolicyTraining,
     Schedule,
 )
-from ocplanner.policies.hint import HINT_KEY
 from ocplanner.policies.robomimic_keys import IGNORED_KEYS, Keys
 
 _LOW_DIM = ["robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos", "object"]

@@ -10,7 +10,7 @@ from ocplanner.envs.recorded_observation import recorded_observation
 from ocplanner.errors import MismatchError
 from ocplanner.holding import Hold
 from ocplanner.live_plan import Pictures
-from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.config import HINT_KEY
 from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
 
@@ -51,10 +51,13 @@ class PolicyRollout:
             raise MismatchError(
                 f"{policy.path}: its actions are no OSC_POSE deltas of one arm, so they cannot be carried out here"
             )
-        if policy.training.network.hint is not None and hint is None:
+        if policy.training.reads_hints and hint is None:
             raise MismatchError(f"{policy.path} reads hints: give the planner that its data set was labelled with")
         self.env, self.policy, self.hint = env, policy, hint
         self._world = config["action_frame"] == "world"
+        reads = policy.training.network.hint
+        self._plan_instead = reads is not None and reads.instead_of_pictures
+        self._blank = np.zeros((env.image_size, env.image_size, 3), np.uint8)
         scale = config["action_scale"]
         self._scale = (scale["position"] / _SCALE_POSITION, scale["rotation"] / _SCALE_ROTATION)
         self._order: Order | None = config["object_layout"]
@@ -90,11 +93,15 @@ class PolicyRollout:
 
     def _observation(self, gripper: float) -> dict[str, np.ndarray]:
         env = self.env
-        pictures = env.observe()
-        found = recorded_observation(env, self._order) | {f"{name}_image": image for name, image in pictures.items()}
-        if self.hint is not None:
+        found = recorded_observation(env, self._order)
+        if self.hint is not None and self._plan_instead:
+            found[HINT_KEY] = self.hint.row(gripper, {})
+        unseen = self._plan_instead and found[HINT_KEY][-1] > 0.5
+        pictures = dict.fromkeys(env.cameras, self._blank) if unseen else env.observe()
+        if self.hint is not None and not self._plan_instead:
             drawn: Pictures = {(name, env.image_size, env.observe_mode): image for name, image in pictures.items()}
             found[HINT_KEY] = self.hint.row(gripper, drawn)
+        found |= {f"{name}_image": image for name, image in pictures.items()}
         return {key: np.asarray(found[key])[None] for key in self.policy.observation_keys}
 
     def _carried_out(self, action: np.ndarray) -> np.ndarray:

@@ -146,7 +146,7 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             "object_layout": demos[names[0]].object_layout(),
             **_actions(demos),
             "render": demos.render_settings,
-            "labels": None if config.network.hint is None else demos.label_settings,
+            "labels": demos.label_settings if config.reads_hints else None,
             "rewards": None if config.bcq is None else demos.label_settings,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],

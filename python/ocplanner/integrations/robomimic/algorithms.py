@@ -14,8 +14,7 @@ from torch import Tensor, nn
 from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.integrations.robomimic.config import hint_config
 from ocplanner.integrations.robomimic.networks import HintedGMMActor, HintedRNNGMMActor
-from ocplanner.policies.config import HintConfig
-from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.config import HINT_KEY, HintConfig
 
 _robomimics_own = algo_name_to_factory_func("bc")
 

@@ -14,8 +14,7 @@ from torch import Tensor
 from ocplanner.errors import MismatchError, PlannerFileError
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.actor import Actor
-from ocplanner.policies.config import ObservationConfig
-from ocplanner.policies.hint import HINT_KEY
+from ocplanner.policies.config import HINT_KEY, ObservationConfig
 from ocplanner.policies.network import make_actor
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.robomimic_config import parse_robomimic_config

@@ -10,9 +10,9 @@ from robomimic.models.policy_nets import GMMActorNetwork, RNNGMMActorNetwork
 from robomimic.utils import tensor_utils
 from torch import Tensor, distributions, nn
 
-from ocplanner.policies.config import HintConfig
+from ocplanner.policies.config import HINT_KEY, HintConfig
 from ocplanner.policies.gmm import LOW_NOISE_STD
-from ocplanner.policies.hint import HINT_KEY, displacements, shifted
+from ocplanner.policies.hint import displacements, shifted
 
 _WEIGHTS = "hint_weights"
 
