@@ -121,12 +121,14 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
         assert "| Sawyer | gated | 1/7 | 1/7 | 1/7 | 1/7 |" in path.read_text()
 
 
-def test_table_1_runs_what_is_missing_and_gathers_it(monkeypatch, tmp_path, capsys):
-    ran = []
+@pytest.fixture
+def ran(monkeypatch, tmp_path):
+    """The commands that were run, (verb, options), without running them: each makes its file."""
+    found = []
 
     def run(arguments, log):
         verb, options = arguments[0], dict(pairwise(arguments))
-        ran.append((verb, options))
+        found.append((verb, options))
         made = {"render": arguments[2], "label": arguments[2], "evaluate": options.get("--out")}.get(verb)
         made = Path(made or f"{options['--run']}/policy.safetensors")
         made.parent.mkdir(parents=True, exist_ok=True)
@@ -135,17 +137,20 @@ def test_table_1_runs_what_is_missing_and_gathers_it(monkeypatch, tmp_path, caps
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)
+    return found
+
+
+def test_table_1_runs_what_is_missing_and_gathers_it(ran, capsys):
     assert main(["reproduce", "--table", "1", "--seeds", "0", "--workers", "1"]) == 0
     verbs = [verb for verb, _ in ran]
-    assert [verbs.count(verb) for verb in ("render", "label", "train-policy", "evaluate")] == [2, 2, 8, 8]
+    assert [verbs.count(verb) for verb in ("render", "label", "train-policy", "evaluate")] == [2, 3, 10, 10]
     of_hints = [options for verb, options in ran if verb == "evaluate" and "--planner" in options]
-    assert len(of_hints) == 4
+    assert len(of_hints) == 6
     assert all(options["--last"] == "5" for options in of_hints)
     rows = json.loads(Path("results/table1.json").read_text())["rows"]
-    assert [(row["algorithm"], row["observations"], row["hint"]) for row in rows] == [
+    assert [(row["algorithm"], row["observations"], row["variant"]) for row in rows] == [
         ("bc", "state", ""), ("bc-rnn", "state", ""),
-        ("bc", "image", ""), ("bc", "image", "k1"), ("bc", "image", "k5"),
-        ("bc-rnn", "image", ""), ("bc-rnn", "image", "k1"), ("bc-rnn", "image", "k5"),
+        *((algorithm, "image", hint) for algorithm in ("bc", "bc-rnn") for hint in ("", "k1", "k5", "k10")),
     ]  # fmt: skip
     ran.clear()
     assert main(["reproduce", "--table", "1", "--seeds", "0"]) == 0
@@ -153,3 +158,17 @@ def test_table_1_runs_what_is_missing_and_gathers_it(monkeypatch, tmp_path, caps
     assert main(["reproduce"]) == 2
     assert main(["reproduce", "tables", "--table", "1"]) == 2
     assert "--table 1" in capsys.readouterr().err
+
+
+def test_table_2_labels_states_and_images_with_rewards(ran):
+    assert main(["reproduce", "--table", "2", "--seeds", "0", "--workers", "1"]) == 0
+    labels = [options for verb, options in ran if verb == "label"]
+    assert [(options["--reward"], options["--form"]) for options in labels] == [
+        ("augment", "penalty"), ("only", "penalty"), ("only", "penalty"), ("only", "literal"),
+    ]  # fmt: skip
+    assert all("masked" in options["--pictures"] for options in labels)
+    verbs = [verb for verb, _ in ran]
+    assert (verbs.count("train-policy"), verbs.count("evaluate")) == (6, 6)
+    assert not any("--planner" in options for verb, options in ran if verb == "evaluate")
+    rows = json.loads(Path("results/table2.json").read_text())["rows"]
+    assert [row["published_best"] is not None for row in rows] == [True, False, False, True, True, True]

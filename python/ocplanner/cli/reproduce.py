@@ -10,9 +10,10 @@ import tyro
 from rich.console import Console
 
 from ocplanner.errors import InvalidValueError
-from ocplanner.evaluation import encoders, experiments, held_out, policy_experiments, reproduction, table1
+from ocplanner.evaluation import encoders, experiments, held_out, policy_experiments, reproduction
 from ocplanner.evaluation.experiments import PlannerExperiment
 from ocplanner.evaluation.marked_tables import write_tables
+from ocplanner.evaluation.policy_tables import TABLES, PolicyTable
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,9 @@ class Reproduce:
     """planners: images, training and held-out errors. zero-shot: every planner on every arm. encoders: the search
     for the smallest image encoder. tables: rewrite those in README.md and results/README.md from the result files,
     which the others do too. Nothing with --table."""
-    table: Literal[1] | None = None
-    """A table of the paper. 1: policies with and without the plan as a hint, trained and evaluated."""
+    table: Literal[1, 2] | None = None
+    """A table of the paper, its policies trained and evaluated. 1: with and without the plan as a hint. 2: BCQ with and
+    without the plan's reward."""
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
     work: Path = Path("runs/reproduce")
@@ -48,10 +50,13 @@ class Reproduce:
     def run(self) -> None:
         """Do what is missing, one line for each step done."""
         if (self.part is None) == (self.table is None):
-            raise InvalidValueError("say what to remake: planners, zero-shot, encoders or tables, or --table 1")
+            raise InvalidValueError("say what to remake: planners, zero-shot, encoders or tables, or --table 1 or 2")
         console = Console()
         parts = {"planners": self._planners, "zero-shot": self._zero_shot, "encoders": self._encoders}
-        (self._table1 if self.part is None else parts.get(self.part, self._tables))(console)
+        if self.table is not None:
+            self._policies(console, TABLES[self.table])
+        else:
+            parts.get(str(self.part), self._tables)(console)
 
     def _planners(self, console: Console) -> None:
         wanted = [
@@ -85,8 +90,8 @@ class Reproduce:
             write_tables(self.results)
             console.print(f"trained {experiment.name}; errors in {out}")
 
-    def _table1(self, console: Console) -> None:
-        wanted = policy_experiments.table1_experiments(self.seeds)
+    def _policies(self, console: Console, table: PolicyTable) -> None:
+        wanted = table.experiments(self.seeds)
         missing = [experiment for experiment in wanted if not experiment.result(self.results).exists()]
         command = shlex.join(["ocplanner", *sys.argv[1:]])
         for name in policy_experiments.make_data(missing, self.data, self.work, self.results, self.workers):
@@ -94,9 +99,9 @@ class Reproduce:
         for experiment in policy_experiments.run_all(
             missing, self.data, self.work, self.results, self.episodes // 2, self.workers
         ):
-            table1.write(wanted, self.results, command)
+            table.write(wanted, self.results, command)
             console.print(f"done {experiment.name}")
-        table1.write(wanted, self.results, command)
+        table.write(wanted, self.results, command)
         self._tables(console)
 
     def _tables(self, console: Console) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ocplanner.errors import ResultFileError
+from ocplanner.evaluation.policy_tables import TABLES
 from ocplanner.evaluation.summary import encoder_table, held_out_table, mask_error_table, policy_table, transfer_table
 from ocplanner.storage import atomic_write
 
@@ -12,7 +13,8 @@ def write_tables(results: Path) -> list[Path]:
     """Rewrite the tables in ``README.md`` of the results, if any, and of the project if these are its main ones.
 
     ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
-    demonstrations, ``ENCODERS`` those of the encoders that were tried, ``TABLE1`` the success rates of policies.
+    demonstrations, ``ENCODERS`` those of the encoders that were tried, ``TABLE1`` and ``TABLE2`` the
+    success rates of policies.
 
     Returns:
         The files that have such tables, changed or not.
@@ -26,7 +28,7 @@ def write_tables(results: Path) -> list[Path]:
         "MASKERROR": mask_error_table(results / "mask_error", results / "transfer"),
         "HELDOUT": held_out_table(results),
         "ENCODERS": encoder_table(results),
-        "TABLE1": policy_table(results),
+        **{f"TABLE{table.number}": policy_table(table, results) for table in TABLES.values()},
     }
     marked = []
     pages = [results / "README.md"]

@@ -1,4 +1,4 @@
-"""The experiments behind Table 1: which policies are trained, with and without the plan as a hint, and how they do."""
+"""The experiments behind Tables 1 and 2: which policies are trained, on what data, and how they do."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -8,42 +8,104 @@ from typing import NamedTuple
 
 from ocplanner.evaluation import reproduction
 from ocplanner.evaluation.experiments import PlannerExperiment
+from ocplanner.policies.config import HINT_KEY, PROPRIOCEPTION
 
 
 class HintKind(NamedTuple):
-    """How hints are made: how many planned steps ahead, and from where."""
+    """How hints are made and used.
+
+    Attributes:
+        horizon_step: so many planned steps ahead.
+        hint_from: where hints start, see ``ocplanner label``.
+        seen: the policy also reads the hint as an observation, and while the object is held it sees it in place of
+            the pictures.
+    """
 
     horizon_step: int
     hint_from: str
+    seen: bool = False
+
+    @property
+    def label_flags(self) -> list[str]:
+        """Of ``ocplanner label``."""
+        return ["--horizon-step", str(self.horizon_step), "--hint-from", self.hint_from]
+
+    @property
+    def training_flags(self) -> list[str]:
+        """Of ``ocplanner train-policy``."""
+        flags = ["--hint", "--hint-horizons", str(self.horizon_step)]
+        if self.seen:
+            flags += ["--hint-instead-of-pictures", "--low-dim", *PROPRIOCEPTION, HINT_KEY]
+        return flags
+
+    def __str__(self) -> str:
+        """For tables."""
+        return f"k = {self.horizon_step}, from the {self.hint_from}{', also seen' if self.seen else ''}"
 
 
-HINTS = {"": None, "k1": HintKind(1, "object"), "k5": HintKind(5, "plan")}
-"""By the name in file names: none; the paper's; the five steps that agree best with recorded actions."""
+class RewardKind(NamedTuple):
+    """Which reward is learned from: how the plan's joins the recorded one, and its form."""
+
+    mode: str
+    form: str
+
+    @property
+    def label_flags(self) -> list[str]:
+        """Of ``ocplanner label``."""
+        return ["--no-hints", "--reward", self.mode, "--form", self.form]
+
+    @property
+    def training_flags(self) -> list[str]:
+        """Of ``ocplanner train-policy``: the file has the rewards."""
+        return []
+
+    def __str__(self) -> str:
+        """For tables."""
+        mode = "sparse and the plan's" if self.mode == "augment" else "the plan's alone"
+        return mode if self.form == "penalty" else f"{mode}, {self.form}"
+
+
+VARIANTS: dict[str, HintKind | RewardKind] = {
+    "k1": HintKind(1, "object"),
+    "k5": HintKind(5, "plan"),
+    "k10": HintKind(10, "object", seen=True),
+    "augment": RewardKind("augment", "penalty"),
+    "only": RewardKind("only", "penalty"),
+    "only-literal": RewardKind("only", "literal"),
+}
+"""By the name in file names. k1 is the paper's hint; the five steps of k5 agree best with recorded actions."""
 
 PLANNER = PlannerExperiment()
-"""Makes the hints: the one that transfers use."""
+"""Makes the hints and rewards: the one that transfers use."""
 
 _CAMERAS = ("agentview", "robot0_eye_in_hand")
 
 
 @dataclass(frozen=True)
 class PolicyExperiment:
-    """One policy to train on ``mask/train`` of Square PH with the ``cpu`` preset, and to evaluate."""
+    """One policy to train on ``mask/train`` of Square PH with the ``cpu`` preset, and to evaluate.
+
+    Attributes:
+        algorithm: ``bc``, ``bc-rnn`` or ``bcq``.
+        observations: ``state`` or ``image``.
+        variant: one of :data:`VARIANTS`, or "" for the recorded data alone.
+        seed: of the training.
+    """
 
     algorithm: str
     observations: str
-    hint: str = ""
+    variant: str = ""
     seed: int = 0
 
     @property
     def name(self) -> str:
         """The run folder's name and the result file's stem."""
-        return "_".join((self.algorithm, self.observations, self.hint or "original", str(self.seed)))
+        return "_".join((self.algorithm, self.observations, self.variant or "original", str(self.seed)))
 
     @property
-    def kind(self) -> HintKind | None:
-        """How its hints are made, or None."""
-        return HINTS[self.hint]
+    def kind(self) -> HintKind | RewardKind | None:
+        """What the planner adds to the data."""
+        return VARIANTS[self.variant] if self.variant else None
 
     def result(self, results: Path) -> Path:
         """Where its evaluation is kept."""
@@ -51,17 +113,25 @@ class PolicyExperiment:
 
 
 def table1_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
-    """Every cell of Table 1 for every seed, and the hint of a larger horizon beside the paper's."""
+    """Every cell of Table 1 for every seed, and hints of larger horizons beside the paper's."""
     cells = [(algorithm, "state", "") for algorithm in ("bc", "bc-rnn")]
-    cells += [(algorithm, "image", hint) for algorithm in ("bc", "bc-rnn") for hint in ("", "k5", "k1")]
+    cells += [(algorithm, "image", hint) for algorithm in ("bc", "bc-rnn") for hint in ("", "k10", "k5", "k1")]
     return tuple(PolicyExperiment(*cell, seed) for seed in seeds for cell in cells)
+
+
+def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
+    """Every cell of Table 2 for every seed, and the reward with the sign that the paper prints, from states."""
+    cells = [("state", ""), ("image", ""), ("image", "augment"), ("image", "only")]
+    cells += [("state", "only"), ("state", "only-literal")]
+    return tuple(PolicyExperiment("bcq", *cell, seed) for seed in seeds for cell in cells)
 
 
 def data(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
     """The data set that a policy is trained on."""
-    if experiment.observations == "state" and experiment.kind is None:
-        return source
-    return work / f"square_policy{'_' + experiment.hint if experiment.hint else ''}.hdf5"
+    kind = "policy" if experiment.observations == "image" else "state"
+    if experiment.variant:
+        return work / f"square_{kind}_{experiment.variant}.hdf5"
+    return source if kind == "state" else work / "square_policy.hdf5"
 
 
 def make_data(
@@ -69,25 +139,23 @@ def make_data(
 ) -> Iterator[str]:
     """Render what the policies and the planner see, and label it; yields what was made."""
     wanted = tuple(experiments)
-    base = data(PolicyExperiment("bc", "image"), source, work)
-    if all(data(experiment, source, work) == source for experiment in wanted):
-        return
-    if not base.exists():
+    base, pictures = data(PolicyExperiment("bc", "image"), source, work), work / "square_policy_masked.hdf5"
+    if any(one.observations == "image" for one in wanted) and not base.exists():
         flags = ["--observe", "full", "--cameras", *_CAMERAS, "--workers", str(workers)]
         reproduction.run_command(["render", str(source), str(base), *flags], work / "logs" / "render_policy.log")
         yield base.name
-    pictures = work / "square_policy_masked.hdf5"
-    if any(experiment.kind for experiment in wanted) and not pictures.exists():
+    if any(one.variant for one in wanted) and not pictures.exists():
         flags = ["--observe", "masked", "--silhouettes", "--workers", str(workers)]
         reproduction.run_command(["render", str(source), str(pictures), *flags], work / "logs" / "render_masked.log")
         yield pictures.name
-    for hint, kind in HINTS.items():
-        labelled = data(PolicyExperiment("bc", "image", hint), source, work)
-        if kind is None or labelled.exists() or all(experiment.hint != hint for experiment in wanted):
+    for experiment in wanted:
+        labelled = data(experiment, source, work)
+        if experiment.kind is None or labelled.exists():
             continue
-        flags = ["--planner", str(PLANNER.file(results)), "--pictures", str(pictures)]
-        flags += ["--horizon-step", str(kind.horizon_step), "--hint-from", kind.hint_from]
-        reproduction.run_command(["label", str(base), str(labelled), *flags], work / "logs" / f"label_{hint}.log")
+        unlabelled = base if experiment.observations == "image" else source
+        flags = ["--planner", str(PLANNER.file(results)), "--pictures", str(pictures), *experiment.kind.label_flags]
+        log = work / "logs" / f"label_{labelled.stem}.log"
+        reproduction.run_command(["label", str(unlabelled), str(labelled), *flags], log)
         yield labelled.name
 
 
@@ -99,17 +167,16 @@ def train_and_evaluate(
     if out.exists():
         return experiment
     run, log = work / experiment.name, work / "logs" / f"{experiment.name}.log"
+    kind = experiment.kind
     if not (run / "policy.safetensors").exists():
         flags = ["--algorithm", experiment.algorithm, "--observations", experiment.observations]
-        flags += ["--seed", str(experiment.seed)]
-        if experiment.kind is not None:
-            flags += ["--hint", "--hint-horizons", str(experiment.kind.horizon_step)]
+        flags += ["--seed", str(experiment.seed), *(() if kind is None else kind.training_flags)]
         where = ["--data", str(data(experiment, source, work)), "--run", str(run)]
         reproduction.run_command(["train-policy", *where, *flags], log)
     flags = ["--episodes", str(episodes), "--out", str(out)]
     if experiment.observations == "image":
         flags += ["--last", "5"]
-    if experiment.kind is not None:
+    if isinstance(kind, HintKind):
         flags += ["--planner", str(PLANNER.file(results))]
     reproduction.run_command(["evaluate", "--policy", str(run), *flags], log)
     return experiment

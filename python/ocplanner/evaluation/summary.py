@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation import encoders, held_out, table1
-from ocplanner.evaluation.policy_experiments import HINTS
+from ocplanner.evaluation import encoders, held_out
+from ocplanner.evaluation.policy_experiments import VARIANTS
+from ocplanner.evaluation.policy_tables import PolicyTable
 
 NOTHING = "Not measured yet."
 
@@ -84,26 +85,25 @@ def encoder_table(results: Path) -> str:
     return _markdown(head, texts)
 
 
-def policy_table(results: Path) -> str:
-    """The paper's Table 1: policies with and without the plan as a hint.
+def policy_table(table: PolicyTable, results: Path) -> str:
+    """One of the paper's tables of policies.
 
     Raises:
         ResultFileError: the file is damaged.
     """
-    rows = table1.read(results)
+    rows = table.read(results)
     if not rows:
         return NOTHING
-    head = ("policy", "hint", "best checkpoint %", "of", "last five %", "95 % interval", "seeds", "published best %")
+    head = ("policy", "plan", "best checkpoint %", "of", "last five %", "95 % interval", "seeds", "published best %")
     return _markdown(head, map(_policy, rows))
 
 
 def _policy(row: Mapping[str, Any]) -> list[str]:
     low, high = row["last_five_interval"]
-    hint = HINTS[row["hint"]]
     published = row["published_best"]
     return [
         f"{row['algorithm'].upper()} ({row['observations']})",
-        "none" if hint is None else f"k = {hint.horizon_step}, from the {hint.hint_from}",
+        str(VARIANTS[row["variant"]]) if row["variant"] else "none",
         f"**{row['best_mean']:.1f}** ± {row['best_std']:.1f} ({', '.join(f'{value:.0f}' for value in row['best'])})",
         str(max(row["checkpoints"])),
         f"{row['last_five_mean']:.1f} ± {row['last_five_std']:.1f}",

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation import table1
-from ocplanner.evaluation.policy_experiments import PolicyExperiment, table1_experiments
+from ocplanner.evaluation.policy_experiments import PolicyExperiment
+from ocplanner.evaluation.policy_tables import TABLE1, TABLE2
 from ocplanner.evaluation.summary import NOTHING, policy_table
 
 
@@ -16,25 +16,26 @@ def evaluated(results, experiment, rates):
     path.write_text(json.dumps(content))
 
 
-def test_every_experiment_has_a_name_of_its_own():
-    experiments = table1_experiments((0, 1, 2))
-    assert len({experiment.name for experiment in experiments}) == len(experiments) == 24
-    assert [experiment.seed for experiment in experiments[:8]] == [0] * 8
+@pytest.mark.parametrize(("table", "cells"), [(TABLE1, 10), (TABLE2, 6)])
+def test_every_experiment_has_a_name_of_its_own(table, cells):
+    experiments = table.experiments((0, 1, 2))
+    assert len({experiment.name for experiment in experiments}) == len(experiments) == 3 * cells
+    assert [experiment.seed for experiment in experiments[:cells]] == [0] * cells
 
 
 def test_a_row_for_each_cell_with_every_seed(tmp_path):
-    assert policy_table(tmp_path) == NOTHING
+    assert policy_table(TABLE1, tmp_path) == NOTHING
     for seed, best in ((0, 0.6), (1, 0.7)):
         evaluated(tmp_path, PolicyExperiment("bc", "image", "k1", seed), [0.1, best, 0.5, 0.5, 0.5, 0.5, 0.5])
     evaluated(tmp_path, PolicyExperiment("bc-rnn", "state"), [0.8] * 5)
-    table1.write(table1_experiments((0, 1)), tmp_path, "ocplanner reproduce --table 1")
-    first, second = table1.read(tmp_path)
+    TABLE1.write(TABLE1.experiments((0, 1)), tmp_path, "ocplanner reproduce --table 1")
+    first, second = TABLE1.read(tmp_path)
     assert (first["algorithm"], first["observations"], first["seeds"]) == ("bc-rnn", "state", [0])
     assert (second["best"], second["best_mean"], second["best_std"]) == ([60, 70], 65, 5)
     assert (second["last_five_mean"], second["published_best"]) == (50, [69.3, 3.1])
     low, high = second["last_five_interval"]
     assert 45 < low < 50 < high < 55
-    assert policy_table(tmp_path).splitlines()[2:] == [
+    assert policy_table(TABLE1, tmp_path).splitlines()[2:] == [
         "| BC-RNN (state) | none | **80.0** ± 0.0 (80) | 5 | 80.0 ± 0.0 | 74.6-84.5 | 1 | 84.0 ± 0.0 |",
         "| BC (image) | k = 1, from the object | **65.0** ± 5.0 (60, 70) | 7 | 50.0 ± 0.0 | 45.6-54.4 | 2 | "
         "69.3 ± 3.1 |",
@@ -47,10 +48,10 @@ def test_a_damaged_evaluation_is_named(tmp_path, text, message):
     evaluated(tmp_path, experiment, [0.5] * 5)
     experiment.result(tmp_path).write_text(text)
     with pytest.raises(ResultFileError, match=message):
-        table1.write([experiment], tmp_path, "")
+        TABLE1.write([experiment], tmp_path, "")
 
 
 def test_a_damaged_table_is_named(tmp_path):
-    (tmp_path / table1.NAME).write_text("{}")
+    (tmp_path / TABLE1.name).write_text("{}")
     with pytest.raises(ResultFileError, match="--table 1"):
-        table1.read(tmp_path)
+        TABLE1.read(tmp_path)
