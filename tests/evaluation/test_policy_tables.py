@@ -28,7 +28,7 @@ def test_a_row_for_each_cell_with_every_seed(tmp_path):
     for seed, best in ((0, 0.6), (1, 0.7)):
         evaluated(tmp_path, PolicyExperiment("bc", "image", "k1", seed), [0.1, best, 0.5, 0.5, 0.5, 0.5, 0.5])
     evaluated(tmp_path, PolicyExperiment("bc-rnn", "state"), [0.8] * 5)
-    TABLE1.write(TABLE1.experiments((0, 1)), tmp_path, "ocplanner reproduce --table 1")
+    TABLE1.write(TABLE1.experiments((0, 1)), tmp_path)
     first, second = TABLE1.read(tmp_path)
     assert (first["algorithm"], first["observations"], first["seeds"]) == ("bc-rnn", "state", [0])
     assert (second["best"], second["best_mean"], second["best_std"]) == ([60, 70], 65, 5)
@@ -48,7 +48,7 @@ def test_a_damaged_evaluation_is_named(tmp_path, text, message):
     evaluated(tmp_path, experiment, [0.5] * 5)
     experiment.result(tmp_path).write_text(text)
     with pytest.raises(ResultFileError, match=message):
-        TABLE1.write([experiment], tmp_path, "")
+        TABLE1.write([experiment], tmp_path)
 
 
 def test_a_damaged_table_is_named(tmp_path):

@@ -93,18 +93,18 @@ class Reproduce:
     def _policies(self, console: Console, table: PolicyTable) -> None:
         wanted = table.experiments(self.seeds)
         missing = [experiment for experiment in wanted if not experiment.result(self.results).exists()]
-        command = shlex.join(["ocplanner", *sys.argv[1:]])
         for name in policy_experiments.make_data(missing, self.data, self.work, self.results, self.workers):
             console.print(f"made {name}")
         for experiment in policy_experiments.run_all(
             missing, self.data, self.work, self.results, self.episodes // 2, self.workers
         ):
-            table.write(wanted, self.results, command)
+            table.write(wanted, self.results)
             console.print(f"done {experiment.name}")
-        table.write(wanted, self.results, command)
         self._tables(console)
 
     def _tables(self, console: Console) -> None:
+        for table in TABLES.values():
+            table.write(table.experiments(self.seeds), self.results)
         for path in write_tables(self.results):
             console.print(f"tables in {path}", soft_wrap=True)
 

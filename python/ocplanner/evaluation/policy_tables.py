@@ -41,8 +41,8 @@ class PolicyTable:
         """Of the file, in the folder of results."""
         return f"table{self.number}.json"
 
-    def write(self, experiments: Iterable[PolicyExperiment], results: Path, command: str) -> Path:
-        """Gather the evaluations that are there: a row for each cell of the table.
+    def write(self, experiments: Iterable[PolicyExperiment], results: Path) -> None:
+        """Gather the evaluations that are there: a row for each cell of the table. Without any, nothing is written.
 
         Raises:
             ResultFileError: an evaluation is damaged.
@@ -54,8 +54,9 @@ class PolicyTable:
                 cell = experiment.algorithm, experiment.observations, experiment.variant
                 cells.setdefault(cell, []).append(experiment)
         rows = [self._row(cell, found, results) for cell, found in sorted(cells.items(), key=_order)]
-        atomic_json(results / self.name, {"command": command, "data": "Square PH, mask/train", "rows": rows})
-        return results / self.name
+        if rows:
+            command = f"ocplanner reproduce --table {self.number}"
+            atomic_json(results / self.name, {"command": command, "data": "Square PH, mask/train", "rows": rows})
 
     def read(self, results: Path) -> list[dict[str, Any]]:
         """The rows of the file; none if there is no such file.
