@@ -146,3 +146,20 @@ def test_the_plan_stands_for_the_pictures_while_the_object_is_held(small, observ
         torch.testing.assert_close(features[~held], actor.encoder(seen)[~held])
     all_held = seen._replace(hint=torch.ones_like(seen.hint))
     assert actor(all_held, torch.zeros(*SHAPES[algorithm], 7)).isfinite()
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+def test_a_hint_that_steers_moves_by_itself_while_the_object_is_held(small, observe, algorithm):
+    config = small(algorithm, hint=(1,))
+    plain = make_actor(config, 23, 7)
+    hint = HintConfig((1,), initial_weight=0.5, steers=True)
+    steered = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7)
+    assert not any("linear" in name for name, _ in steered.hint.named_parameters())
+    seen = observe(SHAPES[algorithm], 7)
+    seen.hint[..., -1] = 0
+    free, _ = plain.distribution(seen)
+    torch.testing.assert_close(steered.distribution(seen)[0].means, free.means)
+    seen.hint[..., -1] = 1
+    means = steered.distribution(seen)[0].means
+    torch.testing.assert_close(means[..., :6], (0.5 * seen.hint[..., None, :6]).expand_as(means[..., :6]))
+    torch.testing.assert_close(means[..., 6], free.means[..., 6])

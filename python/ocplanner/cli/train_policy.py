@@ -47,6 +47,10 @@ class TrainPolicy:
     """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
     hint_residual_penalty: float | None = None
     """Weight in the loss of the squared residual motion while the object is held. Default: 0."""
+    hint_weight: float | None = None
+    """What x and y start from. Default: 1."""
+    hint_steers: bool = False
+    """While the object is held the hint alone moves it, by the weight --hint-weight; the policy moves the gripper."""
     hint_instead_of_pictures: bool = False
     """While the object is held the policy sees the plan in place of the cameras' pictures."""
     low_dim: tuple[str, ...] | None = None
@@ -142,6 +146,8 @@ class TrainPolicy:
         given = {
             "horizons": self.hint_horizons,
             "residual_penalty": self.hint_residual_penalty,
+            "initial_weight": self.hint_weight,
+            "steers": self.hint_steers or None,
             "instead_of_pictures": self.hint_instead_of_pictures or None,
         }
         return hint and replace(hint, **{name: value for name, value in given.items() if value is not None})

@@ -46,7 +46,7 @@ class Actor(nn.Module):
 
     def _mixtures(self, observation: Observation, memory: Memory | None) -> tuple[Mixture, Mixture, Memory | None]:
         """The residual's mixture, the one over actions (the same without a hint), and the memory."""
-        features, memory = self.features(self.encoder(observation, self._blind(observation)), memory)
+        features, memory = self.features(self.encode(observation), memory)
         residual = self.head(features)
         if self.hint is None:
             return residual, residual, memory
@@ -54,12 +54,12 @@ class Actor(nn.Module):
             raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
         return residual, self.hint(residual, features, observation.hint), memory
 
-    def _blind(self, observation: Observation) -> Tensor | None:
-        """(...,) bool: where the plan stands for the pictures; None if it never does."""
+    def encode(self, observation: Observation) -> Tensor:
+        """(..., E) what the algorithm's layers read; without pictures where the plan stands for them."""
         config = self.config.network.hint
         if config is None or not config.instead_of_pictures or observation.hint is None:
-            return None
-        return observation.hint[..., -1] > 0.5
+            return self.encoder(observation)
+        return self.encoder(observation, observation.hint[..., -1] > 0.5)
 
     def act(
         self, observation: Observation, memory: Memory | None, generator: torch.Generator

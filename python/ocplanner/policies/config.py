@@ -53,6 +53,8 @@ class HintConfig:
     """What x and y are measured from: the network predicts the difference."""
     residual_penalty: float = 0.0
     """In the loss: so many times the squared motion of the residual A while the object is held, in action units."""
+    steers: bool = False
+    """While the object is held the hint alone moves it: x = y = ``initial_weight``, and A moves the gripper."""
     instead_of_pictures: bool = False
     """While the object is held the features of the cameras are zero: the plan says what the pictures have to say."""
 

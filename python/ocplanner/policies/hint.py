@@ -18,12 +18,14 @@ class HintWeights(nn.Module):
     def __init__(self, features: int, modes: int, config: HintConfig) -> None:
         super().__init__()
         self.config, self.modes = config, modes
-        self.linear = nn.Linear(features, 2 * modes * len(config.horizons))
+        self.linear = None if config.steers else nn.Linear(features, 2 * modes * len(config.horizons))
 
     def weights(self, features: Tensor) -> Tensor:
         """(..., M, K, 2): x and y of every mode and every k, from features (..., F)."""
-        raw = self.linear(features).unflatten(-1, (self.modes, len(self.config.horizons), 2))
-        return raw + self.config.initial_weight
+        shape, first = (self.modes, len(self.config.horizons), 2), self.config.initial_weight
+        if self.linear is None:
+            return features.new_full((*features.shape[:-1], *shape), first)
+        return self.linear(features).unflatten(-1, shape) + first
 
     def forward(self, residual: Mixture, features: Tensor, hint: Tensor) -> Mixture:
         """The mixture whose means are the weighted hint plus the residual's.
@@ -36,8 +38,16 @@ class HintWeights(nn.Module):
         Raises:
             ShapeError: the hint has another width.
         """
-        means = shifted(residual.means, self.weights(features), displacements(hint, self.config))
+        means = self.residual(residual.means, hint)
+        means = shifted(means, self.weights(features), displacements(hint, self.config))
         return Mixture(residual.logits, means, residual.stds)
+
+    def residual(self, means: Tensor, hint: Tensor) -> Tensor:
+        """A (..., M, A) as it counts: of the gripper alone where the hint steers."""
+        if not self.config.steers:
+            return means
+        held = (hint[..., -1] > 0.5)[..., None, None]
+        return torch.cat([means[..., :6].masked_fill(held, 0.0), means[..., 6:]], dim=-1)
 
 
 def shifted(means: Tensor, weights: Tensor, moves: Tensor) -> Tensor:

@@ -139,12 +139,12 @@ def _most_likely(actor: nn.Module, seen: Observation) -> list[Tensor]:
     """Weights, residual and probability of the most likely mode; then the hint and its flag: each (..., as above)."""
     if not isinstance(actor, Actor) or actor.hint is None or seen.hint is None:
         raise MismatchError("the network reads no hint")
-    features, _ = actor.features(actor.encoder(seen), None)
+    features, _ = actor.features(actor.encode(seen), None)
     residual, weights = actor.head(features), actor.hint.weights(features)
     probability, mode = residual.logits.softmax(dim=-1).max(dim=-1)
     return [
         weights.take_along_dim(mode[..., None, None, None], dim=-3).squeeze(-3),
-        residual.means.take_along_dim(mode[..., None, None], dim=-2).squeeze(-2),
+        actor.hint.residual(residual.means, seen.hint).take_along_dim(mode[..., None, None], dim=-2).squeeze(-2),
         probability,
         displacements(seen.hint, actor.hint.config),
         seen.hint[..., -1] > 0.5,
