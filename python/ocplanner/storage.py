@@ -25,6 +25,17 @@ _REMEDIES = {
 }
 
 
+def check_free(path: Path, overwrite: bool) -> None:
+    """Refuse to write where something is already.
+
+    Raises:
+        OutputError: the path is a folder, or a file that must not be replaced.
+    """
+    if path.is_dir() or (path.exists() and not overwrite):
+        remedy = "name a file" if path.is_dir() else "choose another file, or overwrite it (--overwrite)"
+        raise OutputError(f"{path} exists already; {remedy}")
+
+
 def output_error(path: Path, error: BaseException) -> OutputError:
     """The :class:`OutputError` that says what ``error`` means for ``path`` and what to do about it."""
     number = getattr(error, "errno", None)

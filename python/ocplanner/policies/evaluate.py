@@ -11,14 +11,14 @@ from typing import Any
 import torch
 
 from ocplanner.envs.environment import make_env
-from ocplanner.errors import InvalidValueError, MismatchError, OutputError, PlannerFileError
+from ocplanner.errors import InvalidValueError, MismatchError, PlannerFileError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
 from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.rollout import PolicyRollout
-from ocplanner.storage import locked
+from ocplanner.storage import check_free, locked
 from ocplanner.transfer.journal import Journal
 from ocplanner.transfer.result import Run
 from ocplanner.versions import installed
@@ -157,9 +157,7 @@ def evaluate_policy(
         runs = _play(scenario, seeds, workers, ray, None, on_episode)
     else:
         out = Path(out)
-        if out.is_dir() or (out.exists() and not overwrite):
-            remedy = "name a file" if out.is_dir() else "choose another file, or overwrite it (--overwrite)"
-            raise OutputError(f"{out} exists already; {remedy}")
+        check_free(out, overwrite)
         with locked(out):
             journal = Journal(out.with_name(f"{out.name}.journal"), identity)
             runs = _play(scenario, seeds, workers, ray, journal, on_episode)

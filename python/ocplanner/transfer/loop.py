@@ -11,10 +11,10 @@ from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
 from ocplanner.envs.visuals import visual_preset
-from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
-from ocplanner.storage import locked
+from ocplanner.storage import check_free, locked
 from ocplanner.transfer.episode import run_episode
 from ocplanner.transfer.journal import Journal
 from ocplanner.transfer.mask_error import ErringMask
@@ -174,9 +174,7 @@ def transfer(
         runs = _play(scenario, seeds, workers, ray, None, on_episode)
     else:
         out = Path(out)
-        if out.is_dir() or (out.exists() and not overwrite):
-            remedy = "name a file" if out.is_dir() else "choose another file, or overwrite it (--overwrite)"
-            raise OutputError(f"{out} exists already; {remedy}")
+        check_free(out, overwrite)
         scenario = replace(scenario, videos=out.with_suffix("").absolute(), filmed=tuple(seeds[:videos]))
         with locked(out):
             journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
