@@ -40,7 +40,7 @@ class HintKind(NamedTuple):
 
     def __str__(self) -> str:
         """For tables."""
-        return f"k = {self.horizon_step}, from the {self.hint_from}{', also seen' if self.seen else ''}"
+        return f"k = {self.horizon_step}, from the {self.hint_from}{', seen in place of pictures' if self.seen else ''}"
 
 
 class RewardKind(NamedTuple):
