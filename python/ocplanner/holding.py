@@ -1,5 +1,7 @@
 """When the robot holds the object: where a plan may hint and reward. The same rule for recordings and live."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +34,7 @@ class Hold:
 
     def __init__(self, rule: HoldRule = DEFAULT_RULE) -> None:
         self._rule = rule
-        self._since: tuple[np.ndarray, np.ndarray] | None = None  # the hand: in the world, in the object's frame
+        self._since: tuple[Sequence[float], Sequence[float]] | None = None  # see follow
         self._held = False
 
     def update(self, object_pose: Pose, eef_position: np.ndarray, last_gripper: float) -> bool:
@@ -45,16 +47,20 @@ class Hold:
                 first action, any number below 0.
         """
         grip = object_pose.rotation.T @ (eef_position - object_pose.position)
-        now = (eef_position.copy(), grip)
+        return self.follow(eef_position.tolist(), grip.tolist(), last_gripper)
+
+    def follow(self, hand: Sequence[float], grip: Sequence[float], last_gripper: float) -> bool:
+        """:meth:`update` from the hand's three coordinates in the world and in the object's frame, metres."""
+        now = (hand, grip)
         if last_gripper < 0:
             self._since, self._held = None, False
         elif self._since is None:
             self._since = now if last_gripper > 0 else None
         else:
-            slip = float(np.linalg.norm(grip - self._since[1]))
+            slip = math.dist(grip, self._since[1])
             if slip > (self._rule.lost if self._held else self._rule.slip):
                 self._since, self._held = now, False
-            elif not self._held and np.linalg.norm(eef_position - self._since[0]) >= self._rule.carried:
+            elif not self._held and math.dist(hand, self._since[0]) >= self._rule.carried:
                 self._since, self._held = now, True
         return self._held
 
@@ -82,8 +88,7 @@ def held_steps(
     shapes = (object_positions.shape, object_rotations.shape, eef_positions.shape)
     if shapes != ((steps, 3), (steps, 3, 3), (steps, 3)):
         raise ShapeError(f"positions, rotations and hands of shapes {shapes} for {steps} actions; expected one a step")
-    hold = Hold(rule)
-    last = np.concatenate([[-1.0], gripper_actions[:-1]])
-    poses = zip(object_positions, object_rotations, eef_positions, last)
-    held = [hold.update(Pose(position, rotation), eef, float(given)) for position, rotation, eef, given in poses]
-    return np.array(held, dtype=bool)
+    hold, last = Hold(rule), np.concatenate([[-1.0], gripper_actions[:-1]])
+    grips = np.einsum("tji,tj->ti", object_rotations, eef_positions - object_positions)
+    told = zip(eef_positions.tolist(), grips.tolist(), last.tolist())
+    return np.array([hold.follow(*step) for step in told], dtype=bool)

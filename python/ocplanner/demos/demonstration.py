@@ -1,5 +1,6 @@
 """One demonstration of a robomimic file, read when asked."""
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import h5py
@@ -27,7 +28,7 @@ class Recording(NamedTuple):
 
 
 class Demonstration:
-    """One demonstration; every property reads from the file when asked.
+    """One demonstration; every property reads from the file when asked, and keeps only names and the length.
 
     Attributes:
         name: such as ``demo_3``.
@@ -46,7 +47,7 @@ class Demonstration:
         """Number of steps."""
         return self.length
 
-    @property
+    @cached_property
     def length(self) -> int:
         """Number of steps T."""
         return self._file.shape(self._key("actions"))[0]
@@ -85,7 +86,7 @@ class Demonstration:
         """(T,)."""
         return self._read("dones", dims=1)
 
-    @property
+    @cached_property
     def observation_keys(self) -> tuple[str, ...]:
         """The names under ``obs``; empty when there are none."""
         return self._file.names(self._key("obs"))
@@ -95,7 +96,7 @@ class Demonstration:
         """The cameras that it holds images of, as ``obs/<camera>_image``."""
         return tuple(key.removesuffix("_image") for key in self.observation_keys if key.endswith("_image"))
 
-    @property
+    @cached_property
     def next_observation_keys(self) -> tuple[str, ...]:
         """The names under ``next_obs``; empty when there are none."""
         return self._file.names(self._key("next_obs"))
@@ -106,10 +107,7 @@ class Demonstration:
         Raises:
             DatasetError: no such observation; the message lists those there are.
         """
-        if key not in self.observation_keys:
-            known = ", ".join(self.observation_keys) or "none"
-            raise self._error(f"obs/{key}", "no such observation", f"there are: {known}")
-        return self._read(f"obs/{key}", rows=rows)
+        return self._observed("obs", self.observation_keys, key, rows)
 
     def next_observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """``next_obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
@@ -117,10 +115,7 @@ class Demonstration:
         Raises:
             DatasetError: no such observation; the message lists those there are.
         """
-        if key not in self.next_observation_keys:
-            known = ", ".join(self.next_observation_keys) or "none"
-            raise self._error(f"next_obs/{key}", "no such observation", f"there are: {known}")
-        return self._read(f"next_obs/{key}", rows=rows)
+        return self._observed("next_obs", self.next_observation_keys, key, rows)
 
     def images(self, camera: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """(T, h, w, 3) uint8, upright.
@@ -214,6 +209,12 @@ class Demonstration:
 
     def _key(self, key: str) -> str:
         return f"data/{self.name}/{key}"
+
+    def _observed(self, group: str, known: tuple[str, ...], key: str, rows: slice | np.ndarray) -> np.ndarray:
+        if key not in known:
+            remedy = f"there are: {', '.join(known) or 'none'}"
+            raise self._error(f"{group}/{key}", "no such observation", remedy)
+        return self._read(f"{group}/{key}", rows=rows)
 
     def _read(self, key: str, dims: int | None = None, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         shape = self._file.shape(self._key(key))

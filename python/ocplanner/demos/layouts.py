@@ -130,14 +130,15 @@ def find_in_states(pose_xyzw: np.ndarray, states: np.ndarray, tolerance: float =
     steps = min(len(states), len(pose_xyzw))
     rows = np.unique(np.linspace(0, steps - 1, min(steps, 64), dtype=int))
     pose, states = pose_xyzw[rows], states[rows]
+    if states.shape[1] < pose.shape[1]:
+        return None
+    positions = np.lib.stride_tricks.sliding_window_view(states[:, :-4], 3, axis=1)
+    position_off = np.abs(positions - pose[:, None, :3]).max(axis=2)
     quat_wxyz = pose[:, [6, 3, 4, 5]]
-    for column in range(states.shape[1] - 6):
-        position_off = np.abs(states[:, column : column + 3] - pose[:, :3]).max(axis=1)
-        if np.median(position_off) > tolerance:
-            continue
+    for column in np.flatnonzero(np.median(position_off, axis=0) <= tolerance):
         dot = np.abs(np.sum(states[:, column + 3 : column + 7] * quat_wxyz, axis=1))
         if np.median(np.abs(dot - 1)) < tolerance:
-            return column
+            return int(column)
     return None
 
 

@@ -207,8 +207,11 @@ def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:
 
 def _store(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
     for key, array in arrays.items():
-        chunks = (1, *array.shape[1:]) if array.ndim >= _BIG_FROM_DIMS else None
-        group.create_dataset(key, data=array, compression="gzip", compression_opts=4, chunks=chunks)
+        if array.ndim < _BIG_FROM_DIMS:
+            group.create_dataset(key, data=array)
+        else:
+            chunks = (1, *array.shape[1:])
+            group.create_dataset(key, data=array, compression="gzip", compression_opts=4, chunks=chunks)
 
 
 class _RememberingFile(io.FileIO):

@@ -130,9 +130,9 @@ class Labeller:
             DatasetError: an array is missing, or an image in which the object is held was not drawn.
             MismatchError: the pictures are of another demonstration.
         """
-        poses = demo.object_poses(self._object)
-        held = held_steps(*poses, demo.eef_positions, demo.actions[:, -1])
-        plan = self._plan(self._drawn(demo), np.flatnonzero(held))
+        poses, actions = demo.object_poses(self._object), demo.actions
+        held = held_steps(*poses, demo.eef_positions, actions[:, -1])
+        plan = self._plan(self._drawn(demo, actions), np.flatnonzero(held))
         arrays: dict[str, np.ndarray] = {}
         if self._frame is not None:
             arrays |= self._hints(self._frame, demo, poses, held, plan)
@@ -153,10 +153,10 @@ class Labeller:
         """Free the simulation."""
         self.close()
 
-    def _drawn(self, demo: Demonstration) -> Demonstration:
+    def _drawn(self, demo: Demonstration, actions: np.ndarray) -> Demonstration:
         """The same demonstration among the pictures."""
         drawn = self._pictures[demo.name]
-        if drawn.length != demo.length or not np.array_equal(drawn.actions, demo.actions):
+        if drawn.length != demo.length or not np.array_equal(drawn.actions, actions):
             raise MismatchError(
                 f"{drawn!r} is another recording than {demo!r}: the actions differ; draw the images from the same data "
                 "set with `ocplanner render`"
