@@ -6,7 +6,6 @@ import numpy as np
 
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import MismatchError
-from ocplanner.holding import Hold
 from ocplanner.planner.planner import Plan, Planner
 
 Pictures = Mapping[tuple[str, int, str], np.ndarray]
@@ -14,7 +13,7 @@ Pictures = Mapping[tuple[str, int, str], np.ndarray]
 
 
 class LivePlan:
-    """Plans at every step in which the object is held.
+    """Plans from what the environment shows.
 
     Args:
         env: the environment, drawn with the planner's visual preset.
@@ -32,25 +31,15 @@ class LivePlan:
                 f"{env.task.name} drawn as {env.visual.name}"
             )
         self._env, self._planner = env, planner
-        self._object = str(config["object"])
-        self._hold = Hold()
 
-    def reset(self) -> None:
-        """Begin an episode."""
-        self._hold = Hold()
-
-    def plan(self, last_gripper: float, drawn: Pictures, steps: int | None = None) -> Plan | None:
-        """The plan (batch of one) before the next action; None where nothing is held. Call it once a step.
+    def plan(self, drawn: Pictures, steps: int | None = None) -> Plan:
+        """The plan (batch of one) before the next action.
 
         Args:
-            last_gripper: the gripper's part of the last action; -1 before the first.
             drawn: pictures of this step that need not be drawn again.
             steps: how many steps of the plan are wanted; all if not given.
         """
-        env, config = self._env, self._planner.config
-        if not self._hold.update(env.object_pose(self._object), env.eef_pose().position, last_gripper):
-            return None
-        images = {camera: self._picture(camera, drawn)[None] for camera in config["cameras"]}
+        images = {camera: self._picture(camera, drawn)[None] for camera in self._planner.config["cameras"]}
         return self._planner.plan(images, steps=steps)
 
     def _picture(self, camera: str, drawn: Pictures) -> np.ndarray:

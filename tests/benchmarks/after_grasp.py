@@ -36,16 +36,12 @@ def relay(grasp: PolicyRollout, carry: PolicyRollout, seed: int, horizon: int) -
     env.reset(seed)
     grasp.policy.reset(seed)
     carry.policy.reset(seed)
-    if carry.hint is not None:
-        carry.hint.reset()
     gripper, hold, held, ever = -1.0, Hold(), False, False
     for _ in range(horizon):
         held = hold.update(env.object_pose(), env.eef_pose().position, gripper)
         ever = ever or held
-        if not held and carry.hint is not None:
-            carry.hint.row(gripper, {})  # it follows the episode too
         acting = carry if held else grasp
-        action = acting.policy.act(acting._observation(gripper))[0]
+        action = acting.policy.act(acting._observation(held))[0]
         env.step(acting._carried_out(action))
         gripper = float(action[-1])
         if env.success():

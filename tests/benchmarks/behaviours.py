@@ -12,6 +12,7 @@ from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.expert import demonstrate
 from ocplanner.demos.flawed import fail
 from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.holding import Hold
 from ocplanner.live_plan import LivePlan
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.pose import Pose
@@ -52,17 +53,22 @@ class Recorder:
 
     def __init__(self, env: ManipulationEnv, planner: Planner) -> None:
         self.env, self._plans, self._rows = env, LivePlan(env, planner), list[_Row]()
+        self._hold = Hold()
         self._plan: Plan | None = None
 
     def begin(self) -> None:
         """The environment has been reset."""
-        self._plans.reset()
-        self._rows, self._plan = [], self._plans.plan(-1.0, {}, steps=1)
+        self._hold, self._rows = Hold(), []
+        self._plan = self._planned(-1.0)
 
     def after(self, gripper: float) -> None:
         """The environment has made a step with this gripper command."""
         self._rows.append(_Row(self._plan, self.env.object_pose()))
-        self._plan = self._plans.plan(gripper, {}, steps=1)
+        self._plan = self._planned(gripper)
+
+    def _planned(self, last_gripper: float) -> Plan | None:
+        held = self._hold.update(self.env.object_pose(), self.env.eef_pose().position, last_gripper)
+        return self._plans.plan({}, steps=1) if held else None
 
     def episode(self) -> Episode:
         """What was recorded since :meth:`begin`."""

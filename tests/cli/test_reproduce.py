@@ -143,7 +143,7 @@ def ran(monkeypatch, tmp_path):
 def test_table_1_runs_what_is_missing_and_gathers_it(ran, capsys):
     assert main(["reproduce", "--table", "1", "--seeds", "0", "--workers", "1"]) == 0
     verbs = [verb for verb, _ in ran]
-    assert [verbs.count(verb) for verb in ("render", "label", "train-policy", "evaluate")] == [2, 3, 9, 9]
+    assert [verbs.count(verb) for verb in ("render", "label", "train-policy", "evaluate")] == [2, 2, 9, 9]
     of_hints = [options for verb, options in ran if verb == "evaluate" and "--planner" in options]
     assert len(of_hints) == 5
     assert all(options["--last"] == "5" for options in of_hints)

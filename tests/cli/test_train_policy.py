@@ -96,6 +96,11 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
         (["--data", "absent.hdf5"], "no such file"),
         (["--data", "absent.hdf5", "--steps", "0"], "at least 1"),
         (["--data", "absent.hdf5", "--algorithm", "bcq", "--hint"], "bcq reads no hint"),
+        (
+            ["--data", "absent.hdf5", "--hint-steers", "--hint-weight", "0.5"],
+            "--hint-weight, --hint-steers: no hint is",
+        ),
+        (["--data", "a", "--hint", "--hint-steers", "--hint-residual-penalty", "1"], "no residual to penalise"),
         (["--data", "absent.hdf5", "--processes", "3"], "a batch of 100 cannot be shared evenly by 3 processes"),
         ([], "no data set is named; give --data"),
         (["--config", "absent.json"], "absent.json: cannot be read"),

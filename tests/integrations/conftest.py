@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from ocplanner.rewards import LabelSettings, label_dataset
+from quick_robomimic import quick
 from random_planner import write_random_planner
 
 
@@ -37,16 +38,8 @@ def configuration(labelled, tmp_path) -> Callable[..., Any]:
     def make(rnn: bool = False, hint: bool = False, keys: tuple[str, ...] = ()) -> Any:
         config = config_factory("bc")
         with config.values_unlocked():
-            config.experiment.epoch_every_n_steps = 3
-            config.experiment.rollout.enabled = False
+            quick(config, labelled, tmp_path, batch=8)
             config.experiment.save.every_n_epochs = 1
-            config.experiment.logging.terminal_output_to_txt = False
-            config.train.data = str(labelled)
-            config.train.output_dir = str(tmp_path / "robomimic")
-            config.train.hdf5_filter_key = "train"
-            config.train.cuda = False
-            config.train.batch_size = 8
-            config.train.num_epochs = 2
             config.train.seq_length = 5 if rnn else 1
             config.algo.gmm.enabled = True
             config.algo.actor_layer_dims = () if rnn else (32, 32)

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset
+from quick_robomimic import quick
 from random_planner import write_random_planner
 
 from robomimic.config import config_factory  # isort: skip
@@ -29,16 +30,8 @@ def rewarded(request, tiny_square, tmp_path_factory):
 def test_robomimics_script_learns_from_the_rewards(rewarded, name, tmp_path, capsys):
     config = config_factory(name)
     with config.values_unlocked():
-        config.experiment.epoch_every_n_steps = 3
-        config.experiment.rollout.enabled = False
+        quick(config, rewarded, tmp_path, batch=270)  # all of mask/train
         config.experiment.save.every_n_epochs = 2
-        config.experiment.logging.terminal_output_to_txt = False
-        config.train.data = str(rewarded)
-        config.train.output_dir = str(tmp_path / "robomimic")
-        config.train.hdf5_filter_key = "train"
-        config.train.cuda = False
-        config.train.batch_size = 270  # all of mask/train
-        config.train.num_epochs = 2
         config.observation.modalities.obs.low_dim = [
             "object", "robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos"
         ]  # fmt: skip

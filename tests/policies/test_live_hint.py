@@ -8,6 +8,7 @@ from ocplanner.demos.frames import RenderSettings
 from ocplanner.demos.render import render_dataset
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
+from ocplanner.holding import Hold
 from ocplanner.planner.planner import Planner
 from ocplanner.policies.live_hint import LiveHint
 from ocplanner.rewards import LabelSettings, label_dataset
@@ -37,11 +38,11 @@ def test_the_same_states_give_the_same_hints(labelled, planner):
     with Demonstrations(labelled) as demos, make_env("Square", "Panda", cameras=()) as env:
         demo, hint = demos[0], LiveHint(env, planner, demos.label_settings or {})
         states, actions, recorded = demo.states, demo.actions, demo.observation("ocp_hint")
-        hint.reset()
-        last, flags = -1.0, 0
+        hold, last, flags = Hold(), -1.0, 0
         for row in range(demo.length):
             env.set_state(states[row])
-            live = hint.row(last, {})
+            held = hold.update(env.object_pose(), env.eef_pose().position, last)
+            live = hint.row(held, {})
             np.testing.assert_allclose(live, recorded[row], atol=1e-5, err_msg=f"step {row}")
             flags += live[-1] > 0
             last = actions[row, -1]
@@ -53,13 +54,10 @@ def test_pictures_drawn_already_are_used(labelled, planner):
         hint, states = LiveHint(env, planner, demos.label_settings or {}), demos[0].states
         recorded = demos[0].observation("ocp_hint")
         row = int(np.flatnonzero(recorded[:, -1])[0])
-        for step in range(row):
-            env.set_state(states[step])
-            hint.row(float(demos[0].actions[step - 1, -1]) if step else -1.0, {})
         env.set_state(states[row])
         picture = env.render("agentview", 84, 84, "masked")
         env.render = None  # type: ignore[method-assign]
-        live = hint.row(1.0, {("agentview", 84, "masked"): picture})
+        live = hint.row(True, {("agentview", 84, "masked"): picture})
         np.testing.assert_allclose(live, recorded[row], atol=1e-5)
 
 

@@ -15,7 +15,7 @@ def test_values_follow_the_episode_whatever_the_batch(tiny_square, tmp_path, mon
     policy = Policy.load(train_policy(small("bcq", steps=10), tiny_square(), tmp_path / "run"))
     with Demonstrations(tiny_square()) as demos:
         whole = q_values(policy, demos, "demo_2")
-        monkeypatch.setattr(module, "_BATCH", 7)
+        monkeypatch.setattr(module, "EVALUATION_BATCH", 7)
         np.testing.assert_allclose(q_values(policy, demos, "demo_2"), whole, rtol=1e-5)
         demo = demos["demo_2"]
         rows = np.concatenate([demo.observation(key) for key in policy.observation_keys], axis=1)

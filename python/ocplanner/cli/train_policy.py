@@ -142,15 +142,20 @@ class TrainPolicy:
         return preset(self.preset or "cpu", self.algorithm or "bc", self.observations or "state")
 
     def _hint(self, base: HintConfig | None) -> HintConfig | None:
-        hint = base or (HintConfig() if self.hint else None)
-        given = {
-            "horizons": self.hint_horizons,
-            "residual_penalty": self.hint_residual_penalty,
-            "initial_weight": self.hint_weight,
-            "steers": self.hint_steers or None,
-            "instead_of_pictures": self.hint_instead_of_pictures or None,
+        settings = {
+            "hint_horizons": ("horizons", self.hint_horizons),
+            "hint_residual_penalty": ("residual_penalty", self.hint_residual_penalty),
+            "hint_weight": ("initial_weight", self.hint_weight),
+            "hint_steers": ("steers", self.hint_steers or None),
+            "hint_instead_of_pictures": ("instead_of_pictures", self.hint_instead_of_pictures or None),
         }
-        return hint and replace(hint, **{name: value for name, value in given.items() if value is not None})
+        given = {flag: setting for flag, setting in settings.items() if setting[1] is not None}
+        hint = base or (HintConfig() if self.hint else None)
+        if hint is None:
+            flags = ", ".join(f"--{flag.replace('_', '-')}" for flag in given)
+            require(not given, f"{flags}: no hint is read; give --hint too")
+            return None
+        return replace(hint, **dict(given.values()))
 
 
 COMMAND = TrainPolicy

@@ -32,6 +32,11 @@ class HintKind(NamedTuple):
     use: str = "shifts"
 
     @property
+    def labels(self) -> str:
+        """Names the labelled data set, which kinds that differ only in ``use`` share."""
+        return f"k{self.horizon_step}-{self.hint_from}"
+
+    @property
     def label_flags(self) -> list[str]:
         """Of ``ocplanner label``."""
         return ["--horizon-step", str(self.horizon_step), "--hint-from", self.hint_from]
@@ -52,6 +57,11 @@ class RewardKind(NamedTuple):
 
     mode: str
     form: str
+
+    @property
+    def labels(self) -> str:
+        """Names the labelled data set."""
+        return f"{self.mode}-{self.form}"
 
     @property
     def label_flags(self) -> list[str]:
@@ -134,8 +144,8 @@ def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
 def data(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
     """The data set that a policy is trained on."""
     kind = "policy" if experiment.observations == "image" else "state"
-    if experiment.variant:
-        return work / f"square_{kind}_{experiment.variant}.hdf5"
+    if experiment.kind is not None:
+        return work / f"square_{kind}_{experiment.kind.labels}.hdf5"
     return source if kind == "state" else work / "square_policy.hdf5"
 
 

@@ -78,10 +78,12 @@ class PolicyTable:
         evaluations = [_evaluation(experiment.result(results)) for experiment in found]
         best = [100 * evaluation["best"] for evaluation in evaluations]
         last = [100 * evaluation["last_five"] for evaluation in evaluations]
-        counts = [
-            checkpoint["successes"] for evaluation in evaluations for checkpoint in evaluation["checkpoints"][-5:]
-        ]
-        episodes = sum(len(evaluation["checkpoints"][-5:]) * evaluation["episodes"] for evaluation in evaluations)
+        latest = [evaluation["checkpoints"][-5:] for evaluation in evaluations]
+        successes = sum(checkpoint["successes"] for checkpoints in latest for checkpoint in checkpoints)
+        episodes = sum(
+            len(checkpoints) * evaluation["episodes"]
+            for checkpoints, evaluation in zip(latest, evaluations, strict=True)
+        )
         published = self.published.get(cell)
         return {
             "algorithm": cell[0],
@@ -96,7 +98,7 @@ class PolicyTable:
             "last_five": last,
             "last_five_mean": float(np.mean(last)),
             "last_five_std": float(np.std(last)),
-            "last_five_interval": [100 * bound for bound in wilson(sum(counts), episodes)],
+            "last_five_interval": [100 * bound for bound in wilson(successes, episodes)],
             "published_best": None if published is None else list(published),
         }
 

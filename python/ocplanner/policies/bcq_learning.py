@@ -13,10 +13,8 @@ from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.bcq import BCQ, target_values
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
-from ocplanner.policies.learner import crops, rate
+from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
 from ocplanner.policies.transitions import TransitionBatch
-
-_VALID_BATCH = 256
 
 
 class BatchConstrainedQ:
@@ -60,8 +58,8 @@ class BatchConstrainedQ:
         self.network.eval()
         totals: dict[str, float] = {}
         with torch.inference_mode():
-            for start in range(0, len(samples), _VALID_BATCH):
-                rows = np.arange(start, min(start + _VALID_BATCH, len(samples)))
+            for start in range(0, len(samples), EVALUATION_BATCH):
+                rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
                 batch = samples.transition_batch(rows, self.config, self.fabric.device, None)
                 noise = self._noise(len(rows), (3, start))
                 reconstruction, kl = self.network.vae(batch.observation, batch.actions, noise[:, 0])

@@ -50,7 +50,7 @@ class HintConfig:
     horizons: tuple[int, ...] = (1,)
     """Steps k ahead whose planned displacement ``obs/ocp_hint`` holds, in its order."""
     initial_weight: float = 1.0
-    """What x and y are measured from: the network predicts the difference."""
+    """What x and y are before training; the network predicts what is added to it."""
     residual_penalty: float = 0.0
     """In the loss: so many times the squared motion of the residual A while the object is held, in action units."""
     steers: bool = False
@@ -60,6 +60,8 @@ class HintConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        contradiction = self.steers and self.residual_penalty > 0
+        require(not contradiction, "a hint that steers leaves no residual to penalise: drop one of the two")
         require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
         require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
         require(self.residual_penalty >= 0, f"residual penalty {self.residual_penalty} must not be negative")
@@ -201,39 +203,25 @@ def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     )
 
 
+_CPU_IMAGE = {"bc": (20_000, 64), "bc-rnn": (12_000, 16), "bcq": (15_000, 32)}
+"""Steps and batch of the ``cpu`` preset that learns from images."""
+
+
 def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
-    rnn = algorithm == "bc-rnn"
     state = kind == "state"
-    if algorithm == "bcq":
-        return _cpu_bcq(state)
-    steps = 12_000 if rnn and not state else 20_000
+    steps, image_batch = _CPU_IMAGE[algorithm]
+    if state:
+        steps = 100_000 if algorithm == "bcq" else 20_000
     return PolicyTraining(
         algorithm,
         "cpu",
         ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
-        NetworkConfig(hidden=(512, 512), lstm_hidden=200),
-        steps=steps,
-        batch=100 if state else (16 if rnn else 64),
-        learning_rate=1e-3 if rnn else 5e-4,
-        schedule="cosine",
-        warmup=200,
-        clip=10.0,
-        ema=0.999,
-        save_every=steps // 10,
-    )
-
-
-def _cpu_bcq(state: bool) -> PolicyTraining:
-    steps = 100_000 if state else 15_000
-    return PolicyTraining(
-        "bcq",
-        "cpu",
-        ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
+        NetworkConfig() if algorithm == "bcq" else NetworkConfig(hidden=(512, 512), lstm_hidden=200),
         # Fewer steps: faster targets, so that values still travel from the end of an episode to its start.
-        bcq=BCQConfig(critic_learning_rate=5e-4, tau=5e-3),
+        BCQConfig(critic_learning_rate=5e-4, tau=5e-3) if algorithm == "bcq" else None,
         steps=steps,
-        batch=100 if state else 32,
-        learning_rate=5e-4,
+        batch=100 if state else image_batch,
+        learning_rate=1e-3 if algorithm == "bc-rnn" else 5e-4,
         schedule="cosine",
         warmup=200,
         clip=10.0,

@@ -12,9 +12,7 @@ from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
-from ocplanner.policies.learner import crops, rate
-
-_VALID_BATCH = 256
+from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
 
 
 class Imitation:
@@ -43,8 +41,8 @@ class Imitation:
         stride = config.network.sequence if config.algorithm == "bc-rnn" else 1
         every = np.arange(0, len(samples), stride)
         with torch.inference_mode():
-            for start in range(0, len(every), _VALID_BATCH):
-                rows = every[start : start + _VALID_BATCH]
+            for start in range(0, len(every), EVALUATION_BATCH):
+                rows = every[start : start + EVALUATION_BATCH]
                 total += float(self.network(*samples.batch(rows, config, self.fabric.device, None))) * len(rows)
         return {"loss": total / len(every)}
 

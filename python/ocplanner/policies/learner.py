@@ -10,6 +10,9 @@ from torch import Tensor, nn
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
 
+EVALUATION_BATCH = 256
+"""Samples at a time where nothing is learned."""
+
 
 class Learner(Protocol):
     """An algorithm in training: a network, its losses and its optimisers; one in each process."""

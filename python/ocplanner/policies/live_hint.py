@@ -13,12 +13,15 @@ from ocplanner.planner.planner import Planner
 
 
 class LiveHint:
-    """Plans at every step in which the object is held, and turns the plan into a hint.
+    """Plans while the object is held, and turns the plan into a hint.
 
     Args:
         env: the environment, drawn with the planner's visual preset.
         planner: the planner that the policy's data set was labelled with.
         labels: what ``ocplanner label`` recorded in that data set, and the policy's file in ``labels``.
+
+    Attributes:
+        object: name of the object that is planned for.
 
     Raises:
         MismatchError: another planner, task or visual preset than that of the labels.
@@ -31,26 +34,22 @@ class LiveHint:
                 f"labelled with (sha256 {labels['planner_sha256'][:12]}); give that one, or label and train again"
             )
         settings, scale = labels["settings"], labels["action_scale"]
-        self._env, self._plans, self._object = env, LivePlan(env, planner), str(planner.config["object"])
+        self._env, self._plans, self.object = env, LivePlan(env, planner), str(planner.config["object"])
         self._steps, self._origin = tuple(settings["horizon_steps"]), settings["hint_from"]
         self._world = labels["action_frame"] == "world"
         self._law = action_law(scale["position"], scale["rotation"])
 
-    def reset(self) -> None:
-        """Begin an episode."""
-        self._plans.reset()
-
-    def row(self, last_gripper: float, drawn: Pictures) -> np.ndarray:
+    def row(self, held: bool, drawn: Pictures) -> np.ndarray:
         """(6 K + 1,) float32: the hint before the next action, zeros where nothing is held.
 
         Args:
-            last_gripper: the gripper's part of the last action; -1 before the first.
+            held: the object is held, by :class:`ocplanner.holding.Hold`.
             drawn: pictures of this step that need not be drawn again.
         """
         row = np.zeros(HINT_WIDTH * len(self._steps) + 1, np.float32)
-        plan = self._plans.plan(last_gripper, drawn)
-        if plan is not None:
-            pose, eef = self._env.object_pose(self._object), self._env.eef_pose()
+        if held:
+            plan = self._plans.plan(drawn)
+            pose, eef = self._env.object_pose(self.object), self._env.eef_pose()
             frame = np.eye(3) if self._world else self._env.base_rotation
             here = (pose.position[None], pose.rotation[None])
             row[:-1] = plan_hints(plan, here, eef.position[None], frame[None], self._steps, self._law, self._origin)[0]

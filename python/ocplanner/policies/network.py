@@ -1,5 +1,8 @@
 """Makes the network that a configuration names."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 
 from ocplanner.policies.actor import Actor
@@ -24,13 +27,19 @@ def make_network(config: PolicyTraining, low_dim: int, actions: int) -> Actor | 
 
 def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor:
     """:func:`make_network` for algorithms that imitate."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
+    with _seeded(config.seed):
         return IMITATION[config.algorithm](config, low_dim, actions)
 
 
 def make_bcq(config: PolicyTraining, low_dim: int, actions: int) -> BCQ:
     """:func:`make_network` for BCQ."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
+    with _seeded(config.seed):
         return BCQ(config, low_dim, actions)
+
+
+@contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """The program's own random numbers stay as they are."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield

@@ -7,9 +7,8 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError
 from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.foreign_episode import load_episode
+from ocplanner.policies.learner import EVALUATION_BATCH
 from ocplanner.policies.policy import Policy
-
-_BATCH = 256
 
 
 def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
@@ -33,7 +32,7 @@ def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
     samples = load_episode(policy, demos, name)
     values = []
     with torch.inference_mode():
-        for start in range(0, len(samples), _BATCH):
-            rows = np.arange(start, min(start + _BATCH, len(samples)))
+        for start in range(0, len(samples), EVALUATION_BATCH):
+            rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
             values.append(network.critics.values(*samples.batch(rows, config, torch.device("cpu"), None)))
     return torch.cat(values, dim=1).numpy()

@@ -9,7 +9,6 @@ from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.recorded_observation import recorded_observation
 from ocplanner.errors import MismatchError
 from ocplanner.holding import Hold
-from ocplanner.live_plan import Pictures
 from ocplanner.policies.config import HINT_KEY
 from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
@@ -77,13 +76,12 @@ class PolicyRollout:
         """
         self.env.reset(seed)
         self.policy.reset(seed)
-        if self.hint is not None:
-            self.hint.reset()
+        main = None if self.hint is None else self.hint.object
         gripper, hold, held, ever = -1.0, Hold(), False, False
         for step in range(horizon or self.env.horizon):
-            held = hold.update(self.env.object_pose(), self.env.eef_pose().position, gripper)
+            held = hold.update(self.env.object_pose(main), self.env.eef_pose().position, gripper)
             ever = ever or held
-            action = self.policy.act(self._observation(gripper))[0]
+            action = self.policy.act(self._observation(held))[0]
             self.env.step(self._carried_out(action))
             gripper = float(action[-1])
             if self.env.success():
@@ -91,16 +89,14 @@ class PolicyRollout:
         failure = "time-out" if held else "lost grasp" if ever else "missed grasp"
         return Outcome(False, horizon or self.env.horizon, failure)
 
-    def _observation(self, gripper: float) -> dict[str, np.ndarray]:
+    def _observation(self, held: bool) -> dict[str, np.ndarray]:
         env = self.env
         found = recorded_observation(env, self._order)
-        if self.hint is not None and self._plan_instead:
-            found[HINT_KEY] = self.hint.row(gripper, {})
-        unseen = self._plan_instead and found[HINT_KEY][-1] > 0.5
+        unseen = held and self._plan_instead
         pictures = dict.fromkeys(env.cameras, self._blank) if unseen else env.observe()
-        if self.hint is not None and not self._plan_instead:
-            drawn: Pictures = {(name, env.image_size, env.observe_mode): image for name, image in pictures.items()}
-            found[HINT_KEY] = self.hint.row(gripper, drawn)
+        if self.hint is not None:
+            drawn = {} if unseen else {(name, env.image_size, env.observe_mode): pictures[name] for name in pictures}
+            found[HINT_KEY] = self.hint.row(held, drawn)
         found |= {f"{name}_image": image for name, image in pictures.items()}
         return {key: np.asarray(found[key])[None] for key in self.policy.observation_keys}
 

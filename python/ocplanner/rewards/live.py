@@ -9,6 +9,7 @@ import numpy as np
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.gymnasium_env import GymnasiumEnv
 from ocplanner.errors import MismatchError, UnknownNameError
+from ocplanner.holding import Hold
 from ocplanner.live_plan import LivePlan
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.pose import Pose
@@ -40,14 +41,14 @@ class LiveReward:
     def __init__(self, env: ManipulationEnv, planner: Planner, config: RewardConfig = DEFAULT) -> None:
         self._env, self._config, self._plans = env, config, LivePlan(env, planner)
         self._object, self._rotations = str(planner.config["object"]), planner.config["outputs"] != "position"
+        self._hold = Hold()
         self._plan: Plan | None = None
         self._last: list[_Transition] = []
 
     def reset(self) -> None:
         """Begin an episode; the environment has been reset."""
-        self._plans.reset()
-        self._last = []
-        self._plan = self._plans.plan(-1.0, {}, steps=1)
+        self._hold, self._last = Hold(), []
+        self._plan = self._planned(-1.0)
 
     def after(self, gripper: float, terminal: bool) -> Rewards:
         """Terms and reward, each (1,), of the transition that the environment has just made.
@@ -68,8 +69,12 @@ class LiveReward:
                     planned[1][row] = step.plan.rotation[0, 0]
         held = np.array([step.plan is not None for step in self._last])
         terms = plan_reward(planned, (position, rotation), held, self._config, terminal=terminal)
-        self._plan = None if terminal else self._plans.plan(gripper, {}, steps=1)
+        self._plan = None if terminal else self._planned(gripper)
         return Rewards(*(None if term is None else term[-1:] for term in terms))  # type: ignore[arg-type]
+
+    def _planned(self, last_gripper: float) -> Plan | None:
+        held = self._hold.update(self._env.object_pose(self._object), self._env.eef_pose().position, last_gripper)
+        return self._plans.plan({}, steps=1) if held else None
 
 
 class PlanReward(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray]):
