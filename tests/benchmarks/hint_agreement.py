@@ -1,15 +1,25 @@
-"""How the hints in a labelled data set agree with the recorded actions, axis by axis, while the object is held.
+"""How hints agree with the recorded actions, axis by axis, while the object is held.
 
-``python tests/benchmarks/hint_agreement.py labelled.hdf5 --mask valid``
+``python tests/benchmarks/hint_agreement.py --data images.hdf5 --planner planner.safetensors``
 """
 
 import argparse
+import shlex
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.planner.hints import ORIGINS, action_law, plan_hints
+from ocplanner.planner.planner import Plan, Planner
+from ocplanner.rewards.labels import Labeller, LabelSettings
+from ocplanner.storage import atomic_json
+from ocplanner.versions import installed
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -43,27 +53,80 @@ def agreement(hints: np.ndarray, actions: np.ndarray) -> Agreement:
     return Agreement(correlation, weight, 1 - left, np.abs(hints).mean(axis=0), np.abs(actions).mean(axis=0))
 
 
-def agreements(path: Path, mask: str | None = None) -> dict[int, Agreement]:
-    """By horizon step, over all held steps of a labelled data set."""
-    with Demonstrations(path) as demos:
-        steps = (demos.label_settings or {})["settings"]["horizon_steps"]
-        names = demos.names if mask is None else demos.mask(mask)
-        hints = np.concatenate([demos[name].observation("ocp_hint") for name in names])
-        actions = np.concatenate([demos[name].actions[:, :6] for name in names])
-    held = hints[:, -1] > 0
-    return {k: agreement(hints[held, 6 * i : 6 * i + 6], actions[held]) for i, k in enumerate(steps)}
+class Held(NamedTuple):
+    """Every step of some demonstrations at which the object is held, N in all.
+
+    Attributes:
+        actions: (N, 6) recorded.
+        hints: by origin (``object``, ``plan``, and ``recorded``: from the object to where it was later in the recording)
+            and k, (N, 6).
+    """
+
+    actions: np.ndarray
+    hints: dict[tuple[str, int], np.ndarray]
+
+
+def held_hints(data: Path, planner: Planner, mask: str, steps: tuple[int, ...]) -> Held:
+    """Hints for the demonstrations in a mask of a data set that has the planner's images."""
+    actions, hints = list[np.ndarray](), dict[tuple[str, int], list[np.ndarray]]()
+    with Demonstrations(data) as demos, ActionFrame(demos) as frame, ExitStack() as opened:
+        labellers = {
+            origin: opened.enter_context(Labeller(planner, demos, LabelSettings(horizon_steps=steps, hint_from=origin)))
+            for origin in ORIGINS
+        }
+        for name in demos.mask(mask):
+            demo = demos[name]
+            rows = {origin: labeller.label(demo)["obs/ocp_hint"] for origin, labeller in labellers.items()}
+            held = rows["object"][:, -1] > 0
+            rows["recorded"] = np.zeros_like(rows["object"])
+            rows["recorded"][held, :-1] = _towards_recorded(demo, np.flatnonzero(held), planner, frame, steps)
+            actions.append(demo.actions[held, :6])
+            for origin, row in rows.items():
+                for index, k in enumerate(steps):
+                    hints.setdefault((origin, k), []).append(row[held, 6 * index : 6 * index + 6])
+    return Held(np.concatenate(actions), {key: np.concatenate(parts) for key, parts in hints.items()})
+
+
+def _towards_recorded(
+    demo: Demonstration, rows: np.ndarray, planner: Planner, frame: ActionFrame, steps: tuple[int, ...]
+) -> np.ndarray:
+    position, rotation = demo.object_poses(str(planner.config["object"]))
+    later = np.minimum(rows[:, None] + np.arange(1, max(steps) + 1), demo.length - 1)
+    plan = Plan(position[later], rotation[later], np.ones(len(rows)))
+    here, bases = (position[rows], rotation[rows]), frame.rotations_world(demo, rows)
+    return plan_hints(plan, here, demo.eef_positions[rows], bases, steps, action_law(*frame.scale), "object")
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None
 
 
 def main() -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--mask")
+    """Measure, print a row for each hint, and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="with the planner's images")
+    parser.add_argument("--planner", type=Path, required=True)
+    parser.add_argument("--mask", default="valid")
+    parser.add_argument("--horizon-step", type=int, nargs="+", default=[1, 5, 10])
+    parser.add_argument("--output", type=Path, default=Path("results/hint_agreement.json"))
     options = parser.parse_args()
-    print(f"{'k':>3} {'':12}" + "".join(f"{axis:>7}" for axis in AXES))  # noqa: T201
-    for k, found in agreements(options.data, options.mask).items():
-        for name, values in found._asdict().items():
-            print(f"{k:>3} {name:12}" + "".join(f"{value:7.2f}" for value in values))  # noqa: T201
+    held = held_hints(options.data, Planner.load(options.planner), options.mask, tuple(options.horizon_step))
+    rows = []
+    for (origin, k), hints in held.hints.items():
+        found = agreement(hints, held.actions)._asdict()
+        numbers = {name: dict(zip(AXES, map(_number, values))) for name, values in found.items()}
+        rows.append({"from": origin, "k": k, **numbers})
+        told = (
+            f"{axis} {r:.2f} ({weight:.1f})" for axis, r, weight in zip(AXES, found["correlation"], found["weight"])
+        )
+        print(f"{origin}, k = {k}:", "  ".join(told))  # noqa: T201
+    result = {
+        "command": shlex.join(["python", "tests/benchmarks/hint_agreement.py", *sys.argv[1:]]),
+        "steps held": len(held.actions),
+        "versions": installed(),
+        "rows": rows,
+    }
+    atomic_json(options.output, result)
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+import json
 import sys
 from pathlib import Path
 
@@ -6,10 +7,9 @@ import numpy as np
 sys.path.append(str(Path(__file__).parent))
 
 
-from hint_agreement import agreement, agreements
+import hint_agreement
+from hint_agreement import agreement
 
-from ocplanner.planner.planner import Planner
-from ocplanner.rewards import LabelSettings, label_dataset
 from random_planner import write_random_planner
 
 
@@ -29,15 +29,16 @@ def test_a_hint_that_says_nothing_and_one_of_the_wrong_sign():
     np.testing.assert_allclose(agreement(-actions, actions).weight, -1)
 
 
-def test_reads_a_labelled_data_set(tiny_square, tmp_path):
-    write_random_planner(tmp_path / "p.safetensors", observe="full", visual=None, mask_rgb=None)
-    path = label_dataset(
-        tiny_square("1.4.1", images=True),
-        tmp_path / "out.hdf5",
-        Planner.load(tmp_path / "p.safetensors"),
-        LabelSettings(horizon_steps=(2, 3)),
-    )
-    found = agreements(path, "valid")
-    assert list(found) == [2, 3]
-    assert found[2].action[2] > 0.01
-    assert np.isnan(found[2].correlation[3:]).all()  # the synthetic hand is never told to turn
+def test_measures_all_hints_on_a_data_set(tiny_square, tmp_path, monkeypatch):
+    planner, out = tmp_path / "p.safetensors", tmp_path / "agreement.json"
+    write_random_planner(planner, observe="full", visual=None, mask_rgb=None)
+    flags = ["--data", tiny_square("1.4.1", images=True), "--planner", planner, "--horizon-step", 2, 3, "--output", out]
+    monkeypatch.setattr(sys, "argv", ["hint_agreement.py", *map(str, flags)])
+    hint_agreement.main()
+    written = json.loads(out.read_text())
+    assert written["steps held"] > 10
+    rows = {(row["from"], row["k"]): row for row in written["rows"]}
+    assert set(rows) == {(origin, k) for origin in ("object", "plan", "recorded") for k in (2, 3)}
+    assert rows["recorded", 2]["correlation"]["x"] > 0.9  # the synthetic nut goes where the hand is told to
+    assert rows["object", 2]["action"]["z"] > 0.01
+    assert rows["object", 2]["correlation"]["rx"] is None  # the synthetic hand is never told to turn
