@@ -38,7 +38,8 @@ def test_a_missing_package_names_what_to_install(monkeypatch) -> None:
         versions.check_pins()
 
 
-def test_the_import_loads_neither_torch_nor_robosuite() -> None:
-    code = "import sys, ocplanner; print('torch' in sys.modules, 'robosuite' in sys.modules)"
+@pytest.mark.parametrize("loaded", ["ocplanner", "ocplanner.cli; ocplanner.cli._commands()"])
+def test_neither_the_import_nor_the_verbs_help_loads_torch_or_robosuite(loaded: str) -> None:
+    code = f"import sys, {loaded}; print('torch' in sys.modules, 'robosuite' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]

@@ -58,8 +58,8 @@ class Held(NamedTuple):
 
     Attributes:
         actions: (N, 6) recorded.
-        hints: by origin (``object``, ``plan``, and ``recorded``: from the object to where it was later in the recording)
-            and k, (N, 6).
+        hints: (N, 6) by origin and k; the origin is ``object``, ``plan``, or ``recorded``: from the object to where it
+            was k steps later in the recording.
     """
 
     actions: np.ndarray
@@ -116,9 +116,8 @@ def main() -> None:
         found = agreement(hints, held.actions)._asdict()
         numbers = {name: dict(zip(AXES, map(_number, values))) for name, values in found.items()}
         rows.append({"from": origin, "k": k, **numbers})
-        told = (
-            f"{axis} {r:.2f} ({weight:.1f})" for axis, r, weight in zip(AXES, found["correlation"], found["weight"])
-        )
+        pairs = zip(AXES, found["correlation"], found["weight"])
+        told = (f"{axis} {correlation:.2f} ({weight:.1f})" for axis, correlation, weight in pairs)
         print(f"{origin}, k = {k}:", "  ".join(told))  # noqa: T201
     result = {
         "command": shlex.join(["python", "tests/benchmarks/hint_agreement.py", *sys.argv[1:]]),

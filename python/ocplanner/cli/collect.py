@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from ocplanner.demos.flawed import Flaw
+from ocplanner.choices import Flaw
 from ocplanner.progress import counting_columns
 
 

@@ -7,10 +7,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from ocplanner.choices import Form, RewardMode
 from ocplanner.planner.hints import Origin
 from ocplanner.progress import demonstrations_bar
-from ocplanner.rewards.config import Form
-from ocplanner.rewards.labels import RewardMode
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,6 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.frames import RenderSettings
-from ocplanner.demos.render import render_dataset
 from ocplanner.envs.observation import Observe
 from ocplanner.progress import demonstrations_bar
 
@@ -50,6 +47,10 @@ class Render:
 
     def run(self) -> None:
         """Render with a progress bar."""
+        from ocplanner.demos.dataset import Demonstrations
+        from ocplanner.demos.frames import RenderSettings
+        from ocplanner.demos.render import render_dataset
+
         silhouettes = self.silhouettes
         if silhouettes is None:
             silhouettes = ("IIWA", "Kinova3") if self.observe == "masked" else ()

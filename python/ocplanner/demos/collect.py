@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ocplanner.choices import Flaw
 from ocplanner.demos.expert import demonstrate, expert_of
-from ocplanner.demos.flawed import Flaw, fail
+from ocplanner.demos.flawed import fail
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.environment import ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec

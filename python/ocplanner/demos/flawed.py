@@ -1,17 +1,17 @@
 """Experts with a flaw: episodes that begin well and fail, for telling good behaviour from bad."""
 
 from collections.abc import Callable
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
+from ocplanner.choices import Flaw
 from ocplanner.demos.expert import Manner, NoisyBody, expert_of
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import UnknownNameError
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, HorizonReached, Reading
 
-Flaw = Literal["early-release", "misjudged-goal"]
 _AFTERWARDS = 20
 """Steps recorded after a flawed expert has given up."""
 

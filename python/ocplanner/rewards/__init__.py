@@ -1,9 +1,10 @@
 """Labels from plans: dense rewards, how far the object is from where the planner wanted it, and hints (section 5)."""
 
-from ocplanner.rewards.config import FORMS, Form, RewardConfig
+from ocplanner.choices import Form, RewardMode
+from ocplanner.rewards.config import FORMS, RewardConfig
 from ocplanner.rewards.dataset import label_dataset
 from ocplanner.rewards.labelling import label_demonstration
-from ocplanner.rewards.labels import REWARD_MODES, LabelSettings, RewardMode
+from ocplanner.rewards.labels import REWARD_MODES, LabelSettings
 from ocplanner.rewards.live import LiveReward, PlanReward
 from ocplanner.rewards.terms import ObjectPoses, Rewards, plan_reward
 

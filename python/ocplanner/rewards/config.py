@@ -1,11 +1,11 @@
 """Weights and form of the plan's reward."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 from ocplanner import _core
+from ocplanner.choices import Form
 
-Form = Literal["penalty", "literal", "exp", "potential"]
 FORMS: tuple[str, ...] = get_args(Form)
 
 

@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
+from ocplanner.choices import RewardMode
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
@@ -26,7 +27,6 @@ from ocplanner.rewards.config import RewardConfig
 from ocplanner.rewards.terms import plan_reward
 from ocplanner.versions import installed
 
-RewardMode = Literal["augment", "only", "off"]
 REWARD_MODES: tuple[str, ...] = get_args(RewardMode)
 
 _NOT_OBSERVED = ("_empty", "_mask", "_silhouettes")  # of a camera: for augmentation, no policy sees them
