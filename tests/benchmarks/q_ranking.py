@@ -1,0 +1,114 @@
+"""After how many training steps BCQ's critics put episodes that succeed above episodes that fail, run by run.
+
+``ocplanner collect --out successes.hdf5 --episodes 20 --seed 9``, the same with ``--flaw early-release`` and
+``--flaw misjudged-goal`` for failures; for policies that see pictures ``ocplanner render`` adds them. Then
+``python tests/benchmarks/q_ranking.py runs/bcq_0 ... --successes successes.hdf5 --failures early.hdf5 beside.hdf5``.
+
+Both kinds of episodes are the scripted expert's, from the same seeds; no policy was trained on them. An episode's score
+is the first critic's value of the recorded actions, averaged over the whole episode, or over its last second. The area
+under the curve (AUC) is the chance that a success scores above a failure. A run ranks them from the first of its kept
+policies after which the AUC stays at 0.9 or more.
+"""
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from reward_order import area, interval
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.policies.evaluate import checkpoints
+from ocplanner.policies.policy import Policy
+from ocplanner.policies.q_values import q_values
+from ocplanner.report.style import SERIES, new_figure, save_figure, styled
+from ocplanner.storage import atomic_json
+from ocplanner.versions import installed
+
+RANKED = 0.9
+_LAST_SECOND = 20  # steps
+SCORES = ("whole episode", "last second")
+
+
+def scores(policy: Policy, demos: Demonstrations) -> np.ndarray:
+    """(2, N): of every episode its mean value, as a whole and in its last second."""
+    values = [q_values(policy, demos, name)[0] for name in demos.names]
+    return np.array([[value.mean() for value in values], [value[-_LAST_SECOND:].mean() for value in values]])
+
+
+def ranking(policy: Policy, successes: Path, failures: Sequence[Path]) -> dict[str, Any]:
+    """AUC of successes against each kind of failure, by both scores, with bootstrap intervals."""
+    with Demonstrations(successes) as demos:
+        good = scores(policy, demos)
+    found: dict[str, Any] = {}
+    for path in failures:
+        with Demonstrations(path) as demos:
+            bad = scores(policy, demos)
+        pairs = zip(SCORES, good, bad)
+        found[path.stem] = {name: {"auc": area(*pair), "interval": interval(*pair)} for name, *pair in pairs}
+    return found
+
+
+def ranked_from(steps: Sequence[int], areas: Sequence[float]) -> int | None:
+    """The first step from which on every area is at least 0.9; None if there is none."""
+    below = [index for index, value in enumerate(areas) if value < RANKED]
+    first = below[-1] + 1 if below else 0
+    return steps[first] if first < len(steps) else None
+
+
+def follow(run: Path, successes: Path, failures: Sequence[Path]) -> dict[str, Any]:
+    """The ranking of every policy that a run kept."""
+    policies = [Policy.load(path) for path in checkpoints(run)]
+    steps = [int(policy.config["step"]) for policy in policies]
+    kept = [ranking(policy, successes, failures) for policy in policies]
+    first = {
+        path.stem: {score: ranked_from(steps, [one[path.stem][score]["auc"] for one in kept]) for score in SCORES}
+        for path in failures
+    }
+    return {"run": run.name, "steps": steps, "rankings": kept, "ranked_from": first}
+
+
+def figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """AUC along the training, one panel a kind of failure; solid by the whole episode, dashed by the last second."""
+    kinds = list(rows[0]["ranked_from"])
+    with styled():
+        drawn = new_figure(4.0 * len(kinds), 3.2)
+        panels = np.atleast_1d(drawn.subplots(1, len(kinds), sharey=True))
+        for panel, kind in zip(panels, kinds):
+            for color, row in zip(SERIES, rows):
+                for score, style in zip(SCORES, ("-", "--")):
+                    areas = [one[kind][score]["auc"] for one in row["rankings"]]
+                    panel.plot(row["steps"], areas, style, color=color, label=row["run"] if style == "-" else None)
+            panel.axhline(0.5, color="0.6", lw=0.8)
+            panel.set(title=f"success above {kind}", xlabel="training step", ylim=(-0.02, 1.02))
+        panels[0].set(ylabel="AUC")
+        panels[0].legend(fontsize=8)
+        return drawn
+
+
+def main() -> None:
+    """Measure, print from when on each run ranks, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, nargs="+", help="run folders of BCQ")
+    parser.add_argument("--successes", type=Path, required=True)
+    parser.add_argument("--failures", type=Path, nargs="+", required=True)
+    parser.add_argument("--out", type=Path, default=Path("results/q_ranking.json"))
+    parser.add_argument("--figure", type=Path, default=Path("docs/images/q_ranking.png"))
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    rows = []
+    for run in options.runs:
+        rows.append(follow(run, options.successes, options.failures))
+        print(rows[-1]["run"], rows[-1]["ranked_from"], flush=True)  # noqa: T201
+    command = shlex.join(["python", "tests/benchmarks/q_ranking.py", *sys.argv[1:]])
+    atomic_json(options.out, {"command": command, "versions": installed(), "ranked": RANKED, "runs": rows})
+    save_figure(figure(rows), options.figure)
+
+
+if __name__ == "__main__":
+    main()
