@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ocplanner.evaluation.policy_experiments import PolicyExperiment, data, table1_experiments, table2_experiments
+from ocplanner.evaluation.policy_experiments import PolicyExperiment, data
 
 
 def test_trainings_share_the_data_that_their_labels_make():
@@ -16,8 +16,3 @@ def test_trainings_share_the_data_that_their_labels_make():
     assert used("bcq", "state", "only") == "square_state_only-penalty.hdf5"
     assert used("bcq", "state", "only-literal") == "square_state_only-literal.hdf5"
     assert (used("bc", "state"), used("bc", "image")) == ("square.hdf5", "square_policy.hdf5")
-
-
-def test_no_two_trainings_share_a_name():
-    every = (*table1_experiments((0, 1, 2)), *table2_experiments((0, 1, 2)))
-    assert len({experiment.name for experiment in every}) == len(every)

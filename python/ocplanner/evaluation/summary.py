@@ -100,13 +100,14 @@ def policy_table(table: PolicyTable, results: Path) -> str:
 
 def _policy(row: Mapping[str, Any]) -> list[str]:
     low, high = row["last_five_interval"]
-    published = row["published_best"]
+    published, several = row["published_best"], len(row["seeds"]) > 1
+    best, last = (f" ± {row[f'{name}_std']:.1f}" if several else "" for name in ("best", "last_five"))
     return [
         f"{row['algorithm'].upper()} ({row['observations']})",
         str(VARIANTS[row["variant"]]) if row["variant"] else "none",
-        f"**{row['best_mean']:.1f}** ± {row['best_std']:.1f} ({', '.join(f'{value:.0f}' for value in row['best'])})",
+        f"**{row['best_mean']:.1f}**{best} ({', '.join(f'{value:.0f}' for value in row['best'])})",
         str(max(row["checkpoints"])),
-        f"{row['last_five_mean']:.1f} ± {row['last_five_std']:.1f}",
+        f"{row['last_five_mean']:.1f}{last}",
         f"{low:.1f}-{high:.1f}",
         str(len(row["seeds"])),
         "" if published is None else f"{published[0]:.1f} ± {published[1]:.1f}",
