@@ -44,6 +44,16 @@ def test_planner(planner_file, capsys):
     assert "0.1, 0.2, 0.9" in capsys.readouterr().out
 
 
+def test_long_entries_are_printed_whole_where_asked(tmp_path, capsys):
+    config = {"training": {f"setting_{i}": [i] for i in range(40)}}
+    metadata = {"ocplanner": json.dumps({"format": 1, "kind": "planner", "config": config})}
+    save_file({"weight": np.zeros(1, np.float32)}, tmp_path / "p.safetensors", metadata)
+    assert main(["info", str(tmp_path / "p.safetensors")]) == 0
+    assert "(40 lines: --all)" in " ".join(capsys.readouterr().out.replace("│", "").split())
+    assert main(["info", str(tmp_path / "p.safetensors"), "--all"]) == 0
+    assert "setting_39: 39" in capsys.readouterr().out
+
+
 def test_damaged_files(tmp_path, planner_file, tiny_square, capsys):
     whole = planner_file.read_bytes()
     for size in range(0, len(whole), 7):

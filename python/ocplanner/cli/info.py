@@ -18,6 +18,9 @@ from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
+_LONGEST = 30
+"""Lines of an entry that is printed whole."""
+
 Facts = dict[str, Any]
 
 
@@ -28,7 +31,9 @@ class Info:
     file: Annotated[Path, tyro.conf.Positional]
     """robomimic HDF5 data set, or a .safetensors file made by ocplanner."""
     json: bool = False
-    """Print JSON instead of a table."""
+    """Print JSON instead of a table; nothing is left out."""
+    all: bool = False
+    """Print long entries whole, such as all settings of a training and every held-out error."""
 
     def run(self) -> None:
         """Print what the file holds."""
@@ -37,7 +42,7 @@ class Info:
         if self.json:
             console.print_json(json.dumps(facts))
         else:
-            console.print(_table(self.file, facts))
+            console.print(_table(self.file, facts, self.all))
 
 
 COMMAND = Info
@@ -132,12 +137,16 @@ def describe_weights(path: Path) -> Facts:
     }
 
 
-def _table(path: Path, facts: Facts) -> Table:
+def _table(path: Path, facts: Facts, whole: bool) -> Table:
     table = Table(title=str(path), title_justify="left", show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in facts.items():
-        table.add_row(name, Text(_plain(value)))
+        text = _plain(value)
+        lines = text.count("\n") + 1
+        if isinstance(value, dict) and lines > _LONGEST and not whole:
+            text = f"{', '.join(value)} ({lines} lines: --all)"
+        table.add_row(name, Text(text))
     return table
 
 
