@@ -35,15 +35,21 @@ def counting_columns(unit: str = "") -> tuple[ProgressColumn, ...]:
 
 @contextmanager
 def demonstrations_bar(doing: str, total: int, console: Console) -> Iterator[Callable[[str, int], None]]:
-    """A bar over demonstrations with steps a second; yields what is called with the name and the steps of each."""
-    with Progress(*counting_columns("demonstrations, {task.fields[rate]} steps/s"), console=console) as bar:
-        line = bar.add_task(doing, total=total, rate="-")
-        steps = 0
+    """A bar over demonstrations with steps a second; yields what is called with the name and the steps of each.
 
-        def advance(_: str, length: int) -> None:
-            nonlocal steps
-            steps += length
-            elapsed = bar.tasks[line].elapsed or 0.0
-            bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
+    It appears with the first, so that an error before leaves none behind.
+    """
+    bar = Progress(*counting_columns("demonstrations, {task.fields[rate]} steps/s"), console=console)
+    line, steps = bar.add_task(doing, total=total, rate="-"), 0
 
+    def advance(_: str, length: int) -> None:
+        nonlocal steps
+        bar.start()
+        steps += length
+        elapsed = bar.tasks[line].elapsed or 0.0
+        bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
+
+    try:
         yield advance
+    finally:
+        bar.stop()

@@ -32,8 +32,8 @@ def check_free(path: Path, overwrite: bool) -> None:
         OutputError: the path is a folder, or a file that must not be replaced.
     """
     if path.is_dir() or (path.exists() and not overwrite):
-        remedy = "name a file" if path.is_dir() else "choose another file, or overwrite it (--overwrite)"
-        raise OutputError(f"{path} exists already; {remedy}")
+        remedy = "choose another file, or allow overwriting (--overwrite; overwrite=True)"
+        raise OutputError(f"{path} exists already; {'name a file' if path.is_dir() else remedy}")
 
 
 def output_error(path: Path, error: BaseException) -> OutputError:

@@ -100,6 +100,11 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
             ["--data", "absent.hdf5", "--hint-steers", "--hint-weight", "0.5"],
             "--hint-weight, --hint-steers: no hint is",
         ),
+        (["--data", "a", "--hint", "--hint-instead-of-pictures"], "needs pictures: --observations image"),
+        (
+            ["--data", "a", "--hint", "--hint-instead-of-pictures", "--observations", "image"],
+            "--low-dim robot0_eef_pos robot0_eef_quat robot0_gripper_qpos ocp_hint",
+        ),
         (["--data", "a", "--hint", "--hint-steers", "--hint-residual-penalty", "1"], "no residual to penalise"),
         (["--data", "absent.hdf5", "--processes", "3"], "a batch of 100 cannot be shared evenly by 3 processes"),
         ([], "no data set is named; give --data"),

@@ -120,6 +120,18 @@ def test_the_module_runs_robomimics_script_on_a_json_file(configuration, tmp_pat
     assert "HintedGMMActor" in done.stdout
 
 
+def test_the_module_refuses_a_configuration_in_one_line_before_robomimic_begins(configuration, tmp_path):
+    path = tmp_path / "config.json"
+    config = configuration(hint=True)
+    config["experiment"]["rollout"]["enabled"] = True
+    path.write_text(json.dumps(config))
+    command = [sys.executable, "-m", "ocplanner.integrations.robomimic", "train", "--config", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: robomimic's environments observe no 'ocp_hint'")
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("name", ["", "no_such_script", "os.path"])
 def test_the_module_names_an_unknown_script(monkeypatch, name):
     monkeypatch.setattr(sys, "argv", ["robomimic", *([name] if name else [])])
@@ -206,7 +218,7 @@ def refused(config, **changes):
     [
         ({"algo__gmm__enabled": False}, InvalidValueError, "set algo.gmm.enabled"),
         ({"algo__gaussian__enabled": True}, InvalidValueError, "switch algo.gaussian"),
-        ({"algo__ocp_hint__horizons": [1]}, MismatchError, r"\(13,\) a step, and algo.ocp_hint.horizons \[1\]"),
+        ({"algo__ocp_hint__horizons": [1]}, MismatchError, r"\(1, 4\) steps ahead.*give algo.ocp_hint.horizons 1 4"),
         ({"algo__ocp_hint__horizons": [0, 1]}, InvalidValueError, "at least 1 step"),
         ({"observation__modalities__obs__low_dim": ["object"]}, MismatchError, "needs 'ocp_hint' in observation"),
         ({"experiment__rollout__enabled": True}, MismatchError, "set experiment.rollout.enabled to false"),
@@ -215,9 +227,8 @@ def refused(config, **changes):
     ],
 )
 def test_what_the_hint_cannot_work_with_is_refused(configuration, changes, error, message):
-    config = refused(configuration(hint=True), **changes)
     with pytest.raises(error, match=message):
-        algorithm(config)
+        algorithm(refused(configuration(hint=True), **changes))
 
 
 def test_another_robomimic_is_refused(monkeypatch):

@@ -39,7 +39,8 @@ def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
         "steps": 3,
         "failure": "missed grasp",
     }
-    assert [checkpoint.step for checkpoint in short(run_folder, last=1).checkpoints] == [20]
+    assert (written["seed_start"], written["horizon"], written["last_five_checkpoints"]) == (30000, 3, 2)
+    assert [checkpoint.step for checkpoint in short(run_folder / "policies", last=1).checkpoints] == [20]
     assert not (tmp_path / "out.json.journal").exists()
 
 
@@ -71,13 +72,17 @@ def test_a_stopped_evaluation_goes_on(run_folder, tmp_path, monkeypatch):
     assert played == [30003]
 
 
-def test_refuses_what_does_not_fit(run_folder, tmp_path):
+def test_refuses_what_does_not_fit(run_folder, tiny_square, tmp_path):
     with pytest.raises(InvalidValueError, match="at least 1"):
         evaluate_policy(run_folder, episodes=0)
     with pytest.raises(PlannerFileError, match=r"no policies/step_\*\.safetensors"):
         evaluate_policy(tmp_path)
     with pytest.raises(MismatchError, match="needs no planner"):
         evaluate_policy(run_folder, tmp_path / "planner.safetensors")
+    with pytest.raises(InvalidValueError, match="is a single policy"):
+        evaluate_policy(run_folder / "policy.safetensors", last=2)
+    with pytest.raises(PlannerFileError, match="it is an HDF5 file, perhaps a data set"):
+        evaluate_policy(tiny_square())
     short(run_folder, tmp_path / "out.json")
     with pytest.raises(OutputError, match="--overwrite"):
         short(run_folder, tmp_path / "out.json")

@@ -64,14 +64,15 @@ def test_losses_fall(tiny_square, tmp_path, small, algorithm):
     assert rows[-1]["valid_loss"] < rows[0]["valid_loss"]
 
 
-@pytest.mark.parametrize("ema", [0.0, 0.9])
+@pytest.mark.parametrize(("ema", "seconds"), [(0.0, 30.0), (0.9, 30.0), (0.9, 0.0)])
 @pytest.mark.parametrize(
     ("algorithm", "cameras"),
     [("bc", ()), ("bc-rnn", ()), ("bc", ("agentview",)), ("bcq", ()), ("bcq", ("agentview",))],
 )
 def test_a_killed_training_continues_to_the_same_weights(
-    tiny_square, tmp_path, monkeypatch, small, algorithm, cameras, ema
+    tiny_square, tmp_path, monkeypatch, small, algorithm, cameras, ema, seconds
 ):
+    monkeypatch.setattr(train, "_CHECKPOINT_SECONDS", seconds)  # 0: after every step
     config = small(algorithm, cameras=cameras, ema=ema)
     data = tiny_square(images=bool(cameras))
     whole = train_policy(config, data, tmp_path / "whole")
@@ -87,6 +88,8 @@ def test_a_killed_training_continues_to_the_same_weights(
         patch.setattr(Samples, "batch", batch)
         with pytest.raises(Killed):
             train_policy(config, data, tmp_path / "killed")
+    _, facts = RunFolder(tmp_path / "killed").load("latest")
+    assert facts["step"] == (10 if seconds else 13)
     resumed = train_policy(config, data, tmp_path / "killed")
     for name in ("policy.safetensors", "policies/step_0000010.safetensors", "policies/step_0000020.safetensors"):
         assert differing(tmp_path / "whole" / name, tmp_path / "killed" / name) == set()

@@ -14,9 +14,8 @@ from rich.text import Text
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
-
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
@@ -56,10 +55,10 @@ def describe(path: Path) -> Facts:
     """
     try:
         with path.open("rb") as file:
-            start = file.read(len(_HDF5_MAGIC))
+            start = file.read(len(HDF5_MAGIC))
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}; give the path of a file") from error
-    if start == _HDF5_MAGIC:
+    if start == HDF5_MAGIC:
         return describe_dataset(path)
     if path.suffix == ".safetensors" or start[4:] == b"\x00\x00\x00\x00":  # a header length below 4 GiB
         return describe_weights(path)

@@ -23,6 +23,9 @@ from ocplanner.settings import require
 if TYPE_CHECKING:
     from ocplanner.policies.robomimic_config import RobomimicConfig
 
+_Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+"""A flag that switches on; a --no-... could not switch off what --config switches on."""
+
 
 @dataclass(frozen=True)
 class TrainPolicy:
@@ -41,7 +44,7 @@ class TrainPolicy:
     """cpu (the default): small networks, under an hour on one or two cores. robomimic: published hyperparameters."""
     observations: ObservationKind | None = None
     """state (the default): numbers with the object's pose. image: cameras and proprioception."""
-    hint: bool = False
+    hint: _Switch = False
     """Read the plan as a hint from obs/ocp_hint."""
     hint_horizons: tuple[int, ...] | None = None
     """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
@@ -49,9 +52,9 @@ class TrainPolicy:
     """Weight in the loss of the squared residual motion while the object is held. Default: 0."""
     hint_weight: float | None = None
     """What x and y start from. Default: 1."""
-    hint_steers: bool = False
+    hint_steers: _Switch = False
     """While the object is held the hint alone moves it, by the weight --hint-weight; the policy moves the gripper."""
-    hint_instead_of_pictures: bool = False
+    hint_instead_of_pictures: _Switch = False
     """While the object is held the policy sees the plan in place of the cameras' pictures."""
     low_dim: tuple[str, ...] | None = None
     """Names of the low-dimensional observations instead of the preset's."""

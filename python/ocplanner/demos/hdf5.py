@@ -11,6 +11,9 @@ import numpy as np
 
 from ocplanner.errors import DatasetError
 
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+"""The first bytes of every HDF5 file."""
+
 # What h5py and the decoding of attributes raise on files that are truncated, damaged or of another shape.
 _BROKEN = (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
 _DAMAGED = "the file is truncated, damaged or not robomimic's: download or record it again"

@@ -65,7 +65,10 @@ class DatasetWriter:
         self._resources.enter_context(locked(self.path))
         try:
             if self.path.exists() and not overwrite:
-                raise OutputError(f"{self.path} exists already; delete it or choose another output")
+                raise OutputError(
+                    f"{self.path} exists already; choose another output, or allow overwriting (--overwrite; "
+                    "overwrite=True)"
+                )
             self._open_parts(resume)
         except BaseException:
             self._resources.close()

@@ -33,7 +33,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
         if config[name] not in (None, found):
             raise MismatchError(
                 f"{demos.path} was drawn with {name}={found or 'unknown'}, but {planner.path} was trained on "
-                f"{config[name]}; draw it again with {remedy}"
+                f"{config[name]}; draw it again with {remedy} (labelling takes a second file as --pictures)"
             )
     if config["observe"] == "masked" and render.get("mask_rgb") != config["mask_rgb"]:
         raise MismatchError(

@@ -65,7 +65,9 @@ class Planner:
         try:
             return cls(path, path.read_bytes(), storage)
         except OSError as error:
-            raise PlannerFileError(f"{path}: cannot be read: {error.strerror}") from error
+            raise PlannerFileError(
+                f"{path}: cannot be read: {error.strerror}; give the planner.safetensors of a run folder"
+            ) from error
         except PlannerFileError as error:
             raise PlannerFileError(f"{path}: {error}") from None
 

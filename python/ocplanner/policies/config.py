@@ -159,7 +159,12 @@ class PolicyTraining:
         require_choice("preset", self.preset, Preset)
         require_choice("schedule", self.schedule, Schedule)
         require((self.algorithm == "bcq") == (self.bcq is not None), "bcq settings belong to the algorithm bcq alone")
-        require(self.bcq is None or self.network.hint is None, "bcq reads no hint; choose bc or bc-rnn, or no hint")
+        hint, seen = self.network.hint, self.observation
+        require(self.bcq is None or hint is None, "bcq reads no hint; choose bc or bc-rnn, or no hint")
+        if hint is not None and hint.instead_of_pictures:
+            require(len(seen.cameras) > 0, "a hint instead of pictures needs pictures: --observations image")
+            listed = " ".join((*seen.low_dim, HINT_KEY))
+            require(HINT_KEY in seen.low_dim, f"a hint instead of pictures must be observed: --low-dim {listed}")
         intervals = (self.save_every, self.validate_every, self.checkpoint_every)
         require(min(self.steps, self.batch, self.threads, *intervals) >= 1, "steps, batch, intervals: at least 1")
         require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.errors import DatasetError
+from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.planner.hints import HINT_WIDTH
 from ocplanner.policies.config import HINT_KEY, PolicyTraining
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.policies.transitions import TransitionBatch, Transitions
@@ -148,10 +149,33 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
     )
 
 
+def check_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: str = "--hint-horizons") -> None:
+    """Compare the hints of a labelled data set with those that a policy is to read.
+
+    Args:
+        demos: the data set; one that `ocplanner label` did not make says nothing.
+        horizons: of the policy.
+        setting: where the user gave them.
+
+    Raises:
+        MismatchError: they are others.
+    """
+    labels = demos.label_settings
+    labelled = horizons if labels is None else tuple(labels["settings"]["horizon_steps"])
+    if labelled != horizons:
+        raise MismatchError(
+            f"{demos.path} is labelled with hints {labelled} steps ahead, the policy reads {horizons}; "
+            f"give {setting} {' '.join(map(str, labelled))}, or label the data set again"
+        )
+
+
 def _numbers(demos: Demonstrations, demo: Demonstration, key: str) -> np.ndarray:
     array = demo.observation(key).astype(np.float32)
     if array.ndim != 2:
-        raise DatasetError(f"{demos.path}: {demo.name}/obs/{key}: shape {array.shape}, expected (steps, numbers)")
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{key}: shape {array.shape}, expected (steps, numbers); leave it out of the "
+            f"low-dimensional observations ({HINT_KEY} has {HINT_WIDTH} numbers for each horizon step of a plan)"
+        )
     if not np.isfinite(array).all():
         step = int(np.argwhere(~np.isfinite(array))[0, 0])
         raise DatasetError(

@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,13 +11,14 @@ from typing import Any
 import torch
 
 from ocplanner.envs.environment import make_env
-from ocplanner.errors import InvalidValueError, MismatchError, PlannerFileError
+from ocplanner.errors import MismatchError, PlannerFileError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
-from ocplanner.policies.live_hint import LiveHint
+from ocplanner.policies.live_hint import LiveHint, check_planner
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.rollout import PolicyRollout
+from ocplanner.settings import require
 from ocplanner.storage import check_free, locked
 from ocplanner.transfer.journal import Journal
 from ocplanner.transfer.result import Run
@@ -85,12 +86,7 @@ class PolicyStage:
     def _rollout(self, policy: Policy) -> PolicyRollout:
         hint = None
         if policy.training.reads_hints and self._planner is not None:
-            labels = policy.config["labels"]
-            if labels is None:
-                raise MismatchError(
-                    f"{policy.path}: its hints were not made by `ocplanner label`; they cannot be made live"
-                )
-            hint = LiveHint(self.env, self._planner, labels)
+            hint = LiveHint(self.env, self._planner, _labels(policy))
         return PolicyRollout(self.env, policy, hint)
 
 
@@ -133,8 +129,9 @@ def evaluate_policy(
         OutputError: ``out`` cannot be written, is there already, or holds episodes of another evaluation.
         RenderingError: the policy sees images, and there is no working headless OpenGL.
     """
-    if episodes < 1 or (last is not None and last < 1) or (horizon is not None and horizon < 1):
-        raise InvalidValueError(f"episodes, last and horizon must be at least 1, not {episodes}, {last}, {horizon}")
+    for name, value in {"episodes": episodes, "last": last, "horizon": horizon}.items():
+        require(value is None or value >= 1, f"{name} {value} must be at least 1")
+    require(last is None or Path(policy).is_dir(), f"last {last}: {policy} is a single policy; give a run folder")
     paths = checkpoints(Path(policy))[-(last or 0) :]
     policies = [Policy.load(path) for path in paths]
     scenario = PolicyScenario(
@@ -151,8 +148,11 @@ def evaluate_policy(
             if hinted
             else f"{policies[0].path} reads no hints, so it needs no planner"
         )
+    loaded = None if planner is None else Planner.load(planner)
+    if loaded is not None:
+        check_planner(loaded, _labels(policies[0]))
     seeds = range(seed_start, seed_start + episodes * len(paths))
-    identity = _identity(scenario, policies)
+    identity = _identity(scenario, policies, loaded)
     if out is None:
         runs = _play(scenario, seeds, workers, ray, None, on_episode)
     else:
@@ -169,6 +169,8 @@ def evaluate_policy(
         labels=policies[0].config["labels"],
         planner_sha256=identity["planner_sha256"],
         episodes=episodes,
+        seed_start=seed_start,
+        horizon=horizon,
         checkpoints=tuple(
             Checkpoint(
                 step=int(one.config["step"]),
@@ -194,7 +196,8 @@ def checkpoints(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    found = sorted((path / "policies").glob("step_*.safetensors"))
+    folder = path if path.name == "policies" else path / "policies"
+    found = sorted(folder.glob("step_*.safetensors"))
     if not found:
         raise PlannerFileError(
             f"{path} holds no policies/step_*.safetensors; give a policy file or the run folder of "
@@ -203,10 +206,17 @@ def checkpoints(path: Path) -> list[Path]:
     return found
 
 
-def _identity(scenario: PolicyScenario, policies: Sequence[Policy]) -> dict[str, Any]:
+def _labels(policy: Policy) -> Mapping[str, Any]:
+    labels = policy.config["labels"]
+    if labels is None:
+        raise MismatchError(f"{policy.path}: its hints were not made by `ocplanner label`; they cannot be made live")
+    return labels
+
+
+def _identity(scenario: PolicyScenario, policies: Sequence[Policy], planner: Planner | None) -> dict[str, Any]:
     return {
         "policies": [policy.sha256 for policy in policies],
-        "planner_sha256": None if scenario.planner is None else Planner.load(scenario.planner).sha256,
+        "planner_sha256": None if planner is None else planner.sha256,
         "first_seed": scenario.first_seed,
         "episodes": scenario.episodes,
         "horizon": scenario.horizon,

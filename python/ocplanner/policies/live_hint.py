@@ -28,11 +28,7 @@ class LiveHint:
     """
 
     def __init__(self, env: ManipulationEnv, planner: Planner, labels: Mapping[str, Any]) -> None:
-        if planner.sha256 != labels["planner_sha256"]:
-            raise MismatchError(
-                f"{planner.path} (sha256 {planner.sha256[:12]}) is not the planner that the policy's data set was "
-                f"labelled with (sha256 {labels['planner_sha256'][:12]}); give that one, or label and train again"
-            )
+        check_planner(planner, labels)
         settings, scale = labels["settings"], labels["action_scale"]
         self._env, self._plans, self.object = env, LivePlan(env, planner), str(planner.config["object"])
         self._steps, self._origin = tuple(settings["horizon_steps"]), settings["hint_from"]
@@ -55,3 +51,16 @@ class LiveHint:
             row[:-1] = plan_hints(plan, here, eef.position[None], frame[None], self._steps, self._law, self._origin)[0]
             row[-1] = 1.0
         return row
+
+
+def check_planner(planner: Planner, labels: Mapping[str, Any]) -> None:
+    """Compare a planner with the one that made the labels of a policy's data set.
+
+    Raises:
+        MismatchError: it is another.
+    """
+    if planner.sha256 != labels["planner_sha256"]:
+        raise MismatchError(
+            f"{planner.path} (sha256 {planner.sha256[:12]}) is not the planner that the policy's data set was "
+            f"labelled with (sha256 {labels['planner_sha256'][:12]}); give that one, or label and train again"
+        )

@@ -14,6 +14,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.policies.actor import Memory
 from ocplanner.policies.config import HINT_KEY, training_from_dict
@@ -81,10 +82,12 @@ class Policy:
         try:
             return cls(path, path.read_bytes())
         except OSError as error:
-            raise PlannerFileError(f"{path}: cannot be read: {error.strerror}") from error
+            raise PlannerFileError(
+                f"{path}: cannot be read: {error.strerror}; give a policy file, or the run folder of a training"
+            ) from error
         except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
             raise PlannerFileError(
-                f"{path} is no policy file ({error}); write one with `ocplanner train-policy`"
+                f"{path} is no policy file ({_found(path, error)}); write one with `ocplanner train-policy`"
             ) from error
 
     def reset(self, seed: int) -> None:
@@ -153,3 +156,9 @@ class Policy:
 def _one_step(seen: Observation) -> Observation:
     images = {name: image[None] for name, image in seen.images.items()}
     return Observation(seen.low_dim[None], images, None if seen.hint is None else seen.hint[None])
+
+
+def _found(path: Path, error: Exception) -> str:
+    with path.open("rb") as file:
+        start = file.read(len(HDF5_MAGIC))
+    return "it is an HDF5 file, perhaps a data set" if start == HDF5_MAGIC else str(error)

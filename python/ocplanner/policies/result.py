@@ -14,6 +14,8 @@ from ocplanner.storage import atomic_json
 from ocplanner.transfer.result import Run
 
 _LAST = 5
+_OF_LATER_FILES = ("seed_start", "horizon")
+"""Settings that the first files do not say."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class PolicyResult:
         checkpoints: in the order of training.
         command: remakes this result.
         versions: installed versions by package.
+        seed_start: seed of the first episode; the others follow. None in files that do not say.
+        horizon: control steps of an episode; None: the task's own, or a file that does not say.
     """
 
     task: str
@@ -78,6 +82,8 @@ class PolicyResult:
     checkpoints: tuple[Checkpoint, ...]
     command: str
     versions: dict[str, str]
+    seed_start: int | None = None
+    horizon: int | None = None
 
     @property
     def best(self) -> float:
@@ -102,7 +108,10 @@ class PolicyResult:
             "algorithm": self.algorithm,
             "best": self.best,
             "last_five": self.last_five,
+            "last_five_checkpoints": len(self.last_checkpoints),
             "episodes": self.episodes,
+            "seed_start": self.seed_start,
+            "horizon": self.horizon,
             "training": self.training,
             "labels": self.labels,
             "planner_sha256": self.planner_sha256,
@@ -135,7 +144,8 @@ class PolicyResult:
         except (OSError, ValueError) as error:
             raise ResultFileError(f"cannot read {path}: {error}; evaluate the policy again") from error
         try:
-            kept = {field.name: content[field.name] for field in fields(cls)}
+            kept = {field.name: content[field.name] for field in fields(cls) if field.name not in _OF_LATER_FILES}
+            kept |= {name: content.get(name) for name in _OF_LATER_FILES}
             checkpoints = tuple(_checkpoint(entry) for entry in kept.pop("checkpoints"))
             if not checkpoints or any(not checkpoint.runs for checkpoint in checkpoints):
                 raise ValueError("a checkpoint without episodes")

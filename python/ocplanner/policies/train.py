@@ -29,7 +29,7 @@ from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.bcq_learning import BatchConstrainedQ
 from ocplanner.policies.config import PolicyTraining
-from ocplanner.policies.data import Samples, load_samples
+from ocplanner.policies.data import Samples, check_horizons, load_samples
 from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
@@ -40,6 +40,8 @@ from ocplanner.storage import locked
 from ocplanner.versions import installed
 
 STAGE = "train"
+_CHECKPOINT_SECONDS = 30.0
+"""The most that a kill loses, beside ``checkpoint_every``."""
 
 
 class Recorded(NamedTuple):
@@ -134,7 +136,8 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
         MismatchError: it was labelled with hints of other horizons.
     """
     with Demonstrations(data) as demos:
-        _check_horizons(demos, config)
+        if config.network.hint is not None:
+            check_horizons(demos, config.network.hint.horizons)
         names = list(demos.names) if config.mask is None else demos.mask(config.mask)
         train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
@@ -170,19 +173,6 @@ def _actions(demos: Demonstrations) -> dict[str, Any]:
         return {"action_frame": None, "action_scale": None}
 
 
-def _check_horizons(demos: Demonstrations, config: PolicyTraining) -> None:
-    hint, labels = config.network.hint, demos.label_settings
-    if hint is None or labels is None:
-        return
-    labelled = tuple(labels["settings"]["horizon_steps"])
-    if labelled != hint.horizons:
-        flags = " ".join(str(step) for step in labelled)
-        raise MismatchError(
-            f"{demos.path} is labelled with hints {labelled} steps ahead, the policy reads {hint.horizons}; "
-            f"give --hint-horizons {flags}, or label the data set again"
-        )
-
-
 class _Training:
     def __init__(self, fabric: Fabric, config: PolicyTraining, recorded: Recorded, folder: RunFolder) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
@@ -196,6 +186,8 @@ class _Training:
             BatchConstrainedQ(fabric, config, actor) if isinstance(actor, BCQ) else Imitation(fabric, config, actor)
         )
         self.seconds = 0.0
+        self._sums: dict[str, float] = {}
+        self._summed = 0
 
     @property
     def first(self) -> bool:
@@ -204,24 +196,29 @@ class _Training:
     def run(self) -> Path:
         first = self._resume()
         order = BatchOrder(len(self.recorded.train), self.config.batch, (self.config.seed, 0))
-        seen: list[dict[str, float]] = []
         started, since = time.monotonic() - self.seconds, (first, time.monotonic())
+        saved = time.monotonic()
         with self.progress.bar(self.config.algorithm if self.first else "", self.config.steps, first) as advance:
             for step in range(first, self.config.steps):
-                seen.append(self._step(order.rows(step), step))
-                advance(seen[-1]["loss"])
+                seen = self._step(order.rows(step), step)
+                for name, value in seen.items():
+                    self._sums[name] = self._sums.get(name, 0.0) + value
+                self._summed += 1
+                advance(seen["loss"])
                 done = step + 1
                 last = done == self.config.steps
                 self.seconds = time.monotonic() - started
                 if last or done % self.config.validate_every == 0:
                     speed = (done - since[0]) / (time.monotonic() - since[1])
-                    self._report(done, {name: float(np.mean([row[name] for row in seen])) for name in seen[0]}, speed)
-                    seen.clear()
+                    self._report(done, {name: total / self._summed for name, total in self._sums.items()}, speed)
+                    self._sums, self._summed = {}, 0
                     since = (done, time.monotonic())
                 if last or done % self.config.save_every == 0:
                     self._save_policy(self.folder.path / "policies" / f"step_{done:07d}.safetensors", done)
-                if last or done % self.config.checkpoint_every == 0:
+                due = time.monotonic() - saved > _CHECKPOINT_SECONDS
+                if last or due or done % self.config.checkpoint_every == 0:
                     self._save_checkpoint(done)
+                    saved = time.monotonic()
         policy = self.folder.path / "policy.safetensors"
         self._save_policy(policy, self.config.steps)
         return policy
@@ -280,7 +277,8 @@ class _Training:
         if self.first:
             tensors = {f"network.{name}": value for name, value in self.learner.network.state_dict().items()}
             tensors |= dict(self.learner.state())
-            self.folder.save("latest", tensors, {"step": step, "seconds": self.seconds})
+            facts = {"step": step, "seconds": self.seconds, "sums": self._sums, "summed": self._summed}
+            self.folder.save("latest", tensors, facts)
 
     def _resume(self) -> int:
         latest = self.folder.load("latest")
@@ -292,6 +290,7 @@ class _Training:
                 value.copy_(tensors[f"network.{name}"])
         self.learner.restore(tensors)
         self.seconds = float(facts["seconds"])
+        self._sums, self._summed = dict(facts.get("sums", {})), int(facts.get("summed", 0))
         step = int(facts["step"])
         if self.first:
             self.folder.rewind((STAGE,), STAGE, step)

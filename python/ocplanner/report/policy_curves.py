@@ -59,7 +59,7 @@ def success_curves(cells: Sequence[PolicyCell]) -> Figure:
             axes.set_ylim(0, 1)
             axes.yaxis.set_major_formatter(PercentFormatter(1.0))
             step_axis(axes)
-            axes.legend(loc="best")
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize="small")
         for axes in grid[:, 0]:
             axes.set_ylabel("success rate")
     return figure

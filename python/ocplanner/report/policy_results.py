@@ -40,8 +40,18 @@ def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = 
     spoken = ""
     if hint:
         origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
-        spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}"
+        spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}{_use(hint)}"
     return PolicyKind(str(training.get("algorithm", "unknown")).upper(), "image" if cameras else "state", spoken)
+
+
+def _use(hint: Mapping[str, Any]) -> str:
+    """What is made of a hint, where that is not the paper's; files say nothing of what came after them."""
+    words = [", steers" if hint.get("steers") else "", ", no pictures" if hint.get("instead_of_pictures") else ""]
+    if hint.get("initial_weight", 1.0) != 1.0:
+        words.append(f", weight {hint['initial_weight']:g}")
+    if hint.get("residual_penalty"):
+        words.append(f", penalty {hint['residual_penalty']:g}")
+    return "".join(words)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from typing import Any
 
 from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
 from ocplanner.demos.writer import DatasetWriter
-from ocplanner.errors import InvalidValueError, OutputError
+from ocplanner.errors import OutputError
 from ocplanner.planner.planner import Planner
 from ocplanner.rewards.labels import Labeller, LabelSettings
+from ocplanner.settings import require
 
 DEFAULT_LABELS = LabelSettings()
 
@@ -63,8 +64,8 @@ def label_dataset(
         OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
         PlannerFileError: the planner cannot be read.
     """
-    if threads < 1 or (limit is not None and limit < 1):
-        raise InvalidValueError(f"threads and limit must be at least 1, not {threads} and {limit}")
+    require(threads >= 1, f"threads {threads} must be at least 1")
+    require(limit is None or limit >= 1, f"limit {limit} must be at least 1")
     if Path(source).resolve() == Path(target).resolve():
         raise OutputError(f"{target} is the source itself; choose another output")
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)

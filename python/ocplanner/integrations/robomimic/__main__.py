@@ -27,13 +27,13 @@ def main() -> None:
 
 
 def _export(arguments: list[str]) -> None:
-    try:
-        written = tyro.cli(export_policy, prog="python -m ocplanner.integrations.robomimic export", args=arguments)
-    except OcplannerError as error:
-        sys.stderr.write(f"error: {error}\n")
-        sys.exit(2)
+    written = tyro.cli(export_policy, prog="python -m ocplanner.integrations.robomimic export", args=arguments)
     sys.stdout.write(f"{written}\n")
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except OcplannerError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(2)

@@ -11,8 +11,8 @@ from robomimic.models.base_nets import rnn_args_from_config
 from robomimic.utils.obs_utils import obs_encoder_kwargs_from_config
 from torch import Tensor, nn
 
-from ocplanner.errors import InvalidValueError, MismatchError
-from ocplanner.integrations.robomimic.config import hint_config
+from ocplanner.errors import MismatchError
+from ocplanner.integrations.robomimic.config import hint_config, require_mixture
 from ocplanner.integrations.robomimic.networks import HintedGMMActor, HintedRNNGMMActor
 from ocplanner.policies.config import HINT_KEY, HintConfig
 
@@ -27,11 +27,7 @@ def algorithm_of(algo: Config) -> tuple[type[Any], dict[str, Any]]:
     """
     if hint_config(algo) is None:
         return _robomimics_own(algo)
-    if not algo.gmm.enabled or algo.gaussian.enabled or algo.transformer.enabled:
-        raise InvalidValueError(
-            "algo.ocp_hint.enabled shifts the means of a Gaussian mixture: set algo.gmm.enabled, and switch "
-            "algo.gaussian and algo.transformer off; or read ocp_hint as an observation, with algo.ocp_hint off"
-        )
+    require_mixture(algo)
     return (HintedBCRNN if algo.rnn.enabled else HintedBC), {}
 
 
@@ -70,7 +66,7 @@ def _settings(algorithm: BC_GMM | BC_RNN_GMM) -> dict[str, Any]:
     """Arguments for either network.
 
     Raises:
-        MismatchError: the hint is not observed, is scaled, was made for other horizons, or rollouts are on.
+        MismatchError: the hint is not observed, or not as wide as its horizons need.
     """
     hint = hint_config(algorithm.algo_config) or HintConfig()
     _check(algorithm, hint)
@@ -100,16 +96,4 @@ def _check(algorithm: BC_GMM | BC_RNN_GMM, hint: HintConfig) -> None:
         raise MismatchError(
             f"obs/{HINT_KEY} has shape {shape} a step, and algo.ocp_hint.horizons {list(hint.horizons)} need "
             f"({hint.width},): give the horizons that the data set was labelled with"
-        )
-    train, rollout = algorithm.global_config.train, algorithm.global_config.experiment.rollout
-    if rollout.enabled:
-        raise MismatchError(
-            f"robomimic's environments observe no {HINT_KEY!r}, so that its rollouts would fail: "
-            "set experiment.rollout.enabled to false, and export the checkpoint for `ocplanner evaluate`"
-        )
-    scaled = [key for key, about in train.action_config.items() if about.get("normalization") is not None]
-    if train.hdf5_normalize_obs or scaled:
-        raise MismatchError(
-            "the hint is in the units of the recorded action: set train.hdf5_normalize_obs to false and the "
-            "normalization of every train.action_config to null"
         )
