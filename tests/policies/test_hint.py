@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocplanner.errors import MismatchError, ShapeError
-from ocplanner.policies.config import HintConfig
+from ocplanner.policies.config import HINT_KEY, HintConfig
 from ocplanner.policies.gmm import Mixture
 from ocplanner.policies.hint import HintWeights, displacements, residual_motion
 from ocplanner.policies.network import make_actor
@@ -130,7 +130,10 @@ def test_the_penalty_is_in_the_loss_of_training_alone(small, observe, algorithm)
 def test_the_plan_stands_for_the_pictures_while_the_object_is_held(small, observe, algorithm, training):
     config = small(algorithm, hint=(1,), cameras=("agentview",))
     hint = replace(config.network.hint, instead_of_pictures=True)
-    actor = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7).train(training)
+    reading = replace(config.observation, low_dim=(*config.observation.low_dim, HINT_KEY))
+    actor = make_actor(replace(config, observation=reading, network=replace(config.network, hint=hint)), 23, 7).train(
+        training
+    )
     seen = observe(SHAPES[algorithm], 7, cameras=("agentview",))
     held = torch.zeros(SHAPES[algorithm], dtype=torch.bool)
     held[2:4] = True

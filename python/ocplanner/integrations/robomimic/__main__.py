@@ -15,8 +15,15 @@ from ocplanner.integrations.robomimic import export_policy
 
 
 def main() -> None:
-    """Run what is named first on the command line."""
-    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    """Run what is named first on the command line; our errors leave one line and exit with 2."""
+    try:
+        _run(sys.argv[1] if len(sys.argv) > 1 else "")
+    except OcplannerError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(2)
+
+
+def _run(name: str) -> None:
     if name == "export":
         _export(sys.argv[2:])
         return
@@ -32,8 +39,4 @@ def _export(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except OcplannerError as error:
-        sys.stderr.write(f"error: {error}\n")
-        sys.exit(2)
+    main()
