@@ -9,7 +9,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.transfer.body import OPEN, Body, HorizonReached, Reading
+from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading
 from ocplanner.transfer.follower import Follower
 from ocplanner.transfer.grasp import is_held, take_hold
 from ocplanner.transfer.settings import TransferSettings
@@ -70,6 +70,7 @@ def run_episode(
     settings: TransferSettings | None = None,
     *,
     observe: Callable[[ManipulationEnv], dict[str, np.ndarray]] = ManipulationEnv.observe,
+    sense: Callable[[ManipulationEnv], Arm] | None = None,
     on_step: Callable[[], None] | None = None,
 ) -> Episode:
     """Run one episode.
@@ -80,6 +81,8 @@ def run_episode(
         seed: of the reset.
         settings: the follower's numbers.
         observe: takes the planner's pictures of the environment, (h, w, 3) uint8 by camera.
+        sense: what the arm's program senses and acts through, made after the reset; without it poses are exact. The
+            verdict does not depend on it.
         on_step: called after every control step (recording frames).
     """
     settings = settings or TransferSettings()
@@ -95,7 +98,7 @@ def run_episode(
     law = _core.DeltaPoseLaw(
         gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
     )
-    body = Body(env, law, env.horizon, note)
+    body = Body(env if sense is None else sense(env), law, env.horizon, note)
     program = _Program(env, planner, body, settings, trace, observe)
     with contextlib.suppress(HorizonReached):
         program.run()
