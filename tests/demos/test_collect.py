@@ -42,6 +42,21 @@ def test_does_not_depend_on_the_workers(collected, tmp_path):
             assert np.array_equal(one[name].states, two[name].states)
 
 
+@pytest.mark.parametrize(("task", "main", "shortest"), [("Lift", "cube", 10), ("Can", "Can", 40)])
+def test_records_the_other_tasks(tmp_path, task, main, shortest):
+    collected = collect(tmp_path / "other.hdf5", task, episodes=2, noise=0.5)
+    with Demonstrations(collected.path) as demos:
+        assert demos.task_name == task
+        assert json.loads(demos.attrs["ocplanner_collect"]) == {"expert": "scripted", "first_seed": 0, "noise": 0.5}
+        for demo in demos:
+            assert demo.rewards[-1] == 1.0
+            positions, rotations = demo.object_poses(main)
+            segment = manipulation_segment(positions, rotations, demo.actions[:, 6])
+            assert shortest < segment.length < 150
+            let_go = demo.actions[-1, 6] == -1
+            assert let_go == (task == "Can")  # the cube is kept up
+
+
 @pytest.fixture
 def toy(monkeypatch):
     """Attempts that need no simulator; every third fails."""
@@ -53,7 +68,7 @@ def toy(monkeypatch):
     monkeypatch.setattr(collecting.Workplace, "make", lambda self: Env())
     monkeypatch.setattr(collecting, "_env_args", lambda *_: {"env_name": "NutAssemblySquare"})
 
-    def record(env, seed, flaw=None):
+    def record(env, seed, flaw=None, noise=1.0):
         return None if seed % 3 == 1 else {"actions": np.full((4, 7), seed / 1e4)}
 
     monkeypatch.setattr(collecting, "record", record)
@@ -103,7 +118,7 @@ def test_records_failures(tmp_path, flaw):
 
 
 def test_gives_up_when_nothing_succeeds(toy, tmp_path, monkeypatch):
-    monkeypatch.setattr(collecting, "record", lambda env, seed: None)
+    monkeypatch.setattr(collecting, "record", lambda env, seed, **_: None)
     with pytest.raises(DatasetError, match="0 of 1000"):
         collect(tmp_path / "d.hdf5", episodes=1)
 
@@ -118,6 +133,8 @@ def test_gives_up_when_nothing_succeeds(toy, tmp_path, monkeypatch):
         ({"seed": -1}, InvalidValueError),
         ({"episodes": 0}, InvalidValueError),
         ({"workers": 0}, InvalidValueError),
+        ({"noise": -0.1}, InvalidValueError),
+        ({"noise": float("nan")}, InvalidValueError),
     ],
 )
 def test_bad_arguments(tmp_path, options, error):

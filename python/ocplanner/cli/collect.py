@@ -29,6 +29,8 @@ class Collect:
     """Successful demonstrations to record (with --flaw: failures); other attempts are left out and counted."""
     flaw: Flaw | None = None
     """Record failures instead: the expert lets go on the way, or puts the object down beside its goal."""
+    noise: float = 1.0
+    """How far demonstrations differ in path and tremor: 1 about as people's, 0 not at all."""
     seed: int = 0
     """0 to 9: which thousand of attempts. Seeds from 10000 on are kept for evaluation."""
     workers: int = 1
@@ -60,6 +62,7 @@ class Collect:
                 episodes=self.episodes,
                 seed=self.seed,
                 flaw=self.flaw,
+                noise=self.noise,
                 workers=self.workers,
                 ray=self.ray,
                 overwrite=self.overwrite,

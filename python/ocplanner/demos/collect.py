@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ocplanner.choices import Flaw
-from ocplanner.demos.expert import demonstrate, expert_of
+from ocplanner.demos.expert import demonstrate
+from ocplanner.demos.experts import expert_of
 from ocplanner.demos.flawed import fail
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.environment import ManipulationEnv, make_env
@@ -24,6 +25,7 @@ from ocplanner.settings import require_choice
 FIRST_EVALUATION_SEED = 10000
 _SEEDS_EACH = 1000
 _VALID_SHARE = 0.1
+_MOST_NOISE = 5.0
 _OBSERVATIONS = {
     "object": "object-state",
     "robot0_eef_pos": "robot0_eef_pos",
@@ -68,6 +70,7 @@ def collect(
     episodes: int = 100,
     seed: int = 0,
     flaw: Flaw | None = None,
+    noise: float = 1.0,
     workers: int = 1,
     ray: str | None = None,
     overwrite: bool = False,
@@ -85,6 +88,7 @@ def collect(
         episodes: successes to record, with a flaw failures.
         seed: 0 to 9: which thousand of attempts; seeds from 10000 on are kept for evaluation.
         flaw: what the expert does wrong, see :func:`ocplanner.demos.flawed.fail`.
+        noise: how far the demonstrations differ in path and tremor: 1 about as people's, 0 not at all.
         workers: processes.
         ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
         overwrite: replace ``path`` if it is there.
@@ -107,11 +111,13 @@ def collect(
         )
     if flaw is not None:
         require_choice("flaw", flaw, Flaw)
+    if not 0.0 <= noise <= _MOST_NOISE:
+        raise InvalidValueError(f"noise is {noise}, but must be 0 to {_MOST_NOISE:g}")
     first = seed * _SEEDS_EACH
     workplace = Workplace(spec.name, arm.name)
-    made = {"expert": "scripted", "first_seed": first, **({} if flaw is None else {"flaw": flaw})}
+    made = {"expert": "scripted", "first_seed": first, "noise": noise, **({} if flaw is None else {"flaw": flaw})}
     attrs = {"ocplanner_collect": json.dumps(made, sort_keys=True)}
-    attempt_with = record if flaw is None else partial(record, flaw=flaw)
+    attempt_with = partial(record, flaw=flaw, noise=noise)
     with DatasetWriter(path, _env_args(workplace, arm.patches), data_attrs=attrs, overwrite=overwrite) as writer:
         succeeded = {int(name.removeprefix("demo_")) for name in writer.done}
         for attempt in sorted(succeeded):
@@ -142,7 +148,9 @@ def collect(
         return Collected(Path(path), len(names), sum(attempt < kept[-1] for attempt in failures))
 
 
-def record(env: ManipulationEnv, seed: int, flaw: Flaw | None = None) -> dict[str, np.ndarray] | None:
+def record(
+    env: ManipulationEnv, seed: int, flaw: Flaw | None = None, noise: float = 1.0
+) -> dict[str, np.ndarray] | None:
     """One attempt: robomimic's arrays, each row before its action; None if the expert fails, with a flaw if not."""
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("states", "actions", *(f"obs/{k}" for k in _OBSERVATIONS))}
     successes: list[bool] = []
@@ -153,7 +161,7 @@ def record(env: ManipulationEnv, seed: int, flaw: Flaw | None = None) -> dict[st
         rows["states"].append(np.array(env.sim.get_state().flatten()))
         rows["actions"].append(action.copy())
 
-    solved = demonstrate(env, seed, note) if flaw is None else fail(env, seed, flaw, note)
+    solved = demonstrate(env, seed, note, noise=noise) if flaw is None else fail(env, seed, flaw, note, noise=noise)
     if solved != (flaw is None):
         return None
     successes.append(env.success())

@@ -1,12 +1,14 @@
 """Experts with a flaw: episodes that begin well and fail, for telling good behaviour from bad."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import get_args
 
 import numpy as np
 
 from ocplanner.choices import Flaw
-from ocplanner.demos.expert import Manner, NoisyBody, expert_of
+from ocplanner.demos.carrying import Manner, NoisyBody, ObjectLostError
+from ocplanner.demos.experts import expert_of
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import UnknownNameError
 from ocplanner.pose import Pose
@@ -61,7 +63,9 @@ class FlawedBody(NoisyBody):
         return Reading(seen, hand, now.opening)
 
 
-def fail(env: ManipulationEnv, seed: int, flaw: Flaw, on_action: Callable[[np.ndarray], None]) -> bool:
+def fail(
+    env: ManipulationEnv, seed: int, flaw: Flaw, on_action: Callable[[np.ndarray], None], *, noise: float = 1.0
+) -> bool:
     """Reset to a seed and let the expert work with a flaw; otherwise as :func:`ocplanner.demos.expert.demonstrate`.
 
     Args:
@@ -70,6 +74,7 @@ def fail(env: ManipulationEnv, seed: int, flaw: Flaw, on_action: Callable[[np.nd
         flaw: ``early-release`` opens the hand 10 to 40 steps after the object was taken; ``misjudged-goal`` puts the
             object down 5 to 12 cm short of its goal.
         on_action: called before each control step with the action (7,).
+        noise: how far the episodes differ in path and tremor: 1 about as people's, 0 not at all.
 
     Returns:
         Whether the task is solved nevertheless.
@@ -82,7 +87,7 @@ def fail(env: ManipulationEnv, seed: int, flaw: Flaw, on_action: Callable[[np.nd
     expert = expert_of(env.task.name)
     env.reset(seed)
     rng = np.random.default_rng([seed, 1])
-    manner = Manner.draw(rng)
+    manner = expert.manner(rng).scaled(noise)
     if flaw == "early-release":
         body = FlawedBody(env, manner, rng, on_action, lose_after=int(rng.integers(10, 40)))
     else:
@@ -90,7 +95,8 @@ def fail(env: ManipulationEnv, seed: int, flaw: Flaw, on_action: Callable[[np.nd
         bias = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
         body = FlawedBody(env, manner, rng, on_action, bias=bias)
     try:
-        expert(env, body, manner)
+        with suppress(ObjectLostError):
+            expert.solve(env, body, manner)
         for _ in range(_AFTERWARDS):
             body.wait(OPEN)
     except HorizonReached:

@@ -33,12 +33,14 @@ class ObjectSpec:
         grasps: the ways of holding it, the preferred one first.
         yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
             any yaw is, 1 that only one is.
+        let_go: whether the goal wants it let go of; False: it stays in the hand.
     """
 
     name: str
     joint: str
     grasps: tuple[GraspFrame, ...]
     yaw_fold: int = 1
+    let_go: bool = True
 
     def grasp(self, name: str) -> GraspFrame:
         """The grasp called ``name``.
