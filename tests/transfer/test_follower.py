@@ -57,6 +57,29 @@ def test_carries_lets_down_and_releases():
     assert floating.pose.position[2] < 0.93
 
 
+def test_an_object_that_is_to_stay_in_hand_is_kept_where_the_plans_end():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 0, floating.read(), let_go=False)
+    height = START + np.array([0.0, 0.0, 0.1])
+
+    def plan(_, here):
+        return np.linspace(here.position, height, 20), np.repeat(here.rotation[None], 20, axis=0)
+
+    phases = []
+    for step in range(200):
+        now = floating.read()
+        if step % 4 == 0:
+            follower.receive(*plan(step, now.object), now)
+        command = follower.command(now)
+        phases.append(command.phase)
+        if command.phase == "keep":
+            break
+        floating.move(command.target)
+    assert phases[-1] == "keep"
+    assert "release" not in phases
+    assert floating.pose.position == pytest.approx(height, abs=0.02)
+
+
 def test_errors_of_single_plans_average_out():
     rng = np.random.default_rng(0)
     floating = Floating()

@@ -17,6 +17,8 @@ _CLOSE_POSITION_M = 5e-4
 _CLOSE_ROTATION_RAD = 5e-3
 ROTATION_WEIGHT_M = 0.1
 """How many metres of position error one radian of rotation error counts for."""
+RESERVE_M = 0.02
+"""Reach that must be left at a pose for the arm to be able to move there."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,20 @@ class ArmJoints:
     upper: np.ndarray
     home: np.ndarray
     site: int
+
+    @classmethod
+    def of(cls, robot: Any, model: Any) -> "ArmJoints":
+        """Of robosuite's robot, in its compiled model."""
+        joints = np.array([model.joint(name).id for name in robot.robot_joints])
+        limited = model.jnt_limited[joints].astype(bool)
+        return cls(
+            qpos=np.array(robot._ref_joint_pos_indexes),
+            dofs=np.array(robot._ref_joint_vel_indexes),
+            lower=np.where(limited, model.jnt_range[joints, 0], -2 * np.pi),
+            upper=np.where(limited, model.jnt_range[joints, 1], 2 * np.pi),
+            home=np.array(robot.init_qpos, dtype=np.float64),
+            site=int(robot.eef_site_id[robot.arms[0]]),
+        )
 
 
 def site_pose(data: Any, site: int) -> Pose:
@@ -78,6 +94,35 @@ def reach(model: Any, data: Any, arm: ArmJoints, target: Pose, starts: list[np.n
             break
     data.qpos[arm.qpos] = best
     return float(best_error)
+
+
+class Reach:
+    """Foretells how near an arm gets to poses of its hand, from the posture that it has, without moving it.
+
+    Args:
+        model: the compiled model.
+        data: its state, which is only read.
+        arm: the arm's joints.
+    """
+
+    def __init__(self, model: Any, data: Any, arm: ArmJoints) -> None:
+        self._model, self._data, self._arm = model, data, arm
+        self._scratch = mujoco.MjData(model)
+        self._first = int(model.dof_jntid[arm.dofs[0]])
+
+    def miss(self, target: Pose) -> float:
+        """The error that is left at a pose of the end-effector site (world frame), metres, a radian counted as 0.1 m.
+
+        The pose is first pushed outward by :data:`RESERVE_M`: with the elbow all but straight an arm is there, and
+        cannot move. Only the present posture is a start: a controller that goes straight gets to no other solution.
+        """
+        outward = target.position - self._data.xanchor[self._first]
+        outward[2] = 0.0
+        outward *= RESERVE_M / max(float(np.linalg.norm(outward)), RESERVE_M)
+        beyond = Pose(target.position + outward, target.rotation)
+        self._scratch.qpos[:] = self._data.qpos
+        start = self._data.qpos[self._arm.qpos].copy()
+        return reach(self._model, self._scratch, self._arm, beyond, [start], _CLOSE_POSITION_M)
 
 
 def _descend(model: Any, data: Any, arm: ArmJoints, target: Pose, start: np.ndarray) -> tuple[np.ndarray, float]:

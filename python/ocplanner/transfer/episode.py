@@ -9,6 +9,8 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.envs.kinematics import ArmJoints, Reach
+from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading
 from ocplanner.transfer.follower import Follower
 from ocplanner.transfer.grasp import is_held, take_hold
@@ -48,10 +50,11 @@ class Episode:
 
     Attributes:
         seed: of the reset.
-        success: the object is at the goal and the follower itself let go of it.
+        success: the object is at the goal, and the follower itself ended the episode: by letting go, or by keeping
+            the object up where the task wants that.
         steps: control steps used.
         failure: one of :data:`FAILURES`, or None.
-        released_by: ``"follower"``, or None if it never let go.
+        released_by: ``"follower"``, or None if it never let go (nor kept the object where that is the end).
         trace: the steps.
     """
 
@@ -102,9 +105,9 @@ def run_episode(
     program = _Program(env, planner, body, settings, trace, observe)
     with contextlib.suppress(HorizonReached):
         program.run()
-    success = program.released and env.success()
+    success = program.finished and env.success()
     failure = None if success else program.why(env)
-    return Episode(seed, success, body.steps, failure, "follower" if program.released else None, trace)
+    return Episode(seed, success, body.steps, failure, "follower" if program.finished else None, trace)
 
 
 class _Program:
@@ -120,11 +123,13 @@ class _Program:
         self.env, self.planner, self.body = env, planner, body
         self.settings, self.trace, self.observe = settings, trace, observe
         self.phase = "grasp"
-        self.released = False
+        self.finished = False
         self.held_once = False
         self.lost = False
         self.grip: Reading | None = None
         self.follower: Follower | None = None
+        joints = ArmJoints.of(env.robosuite_env.robots[0], env.model)
+        self.reach = Reach(env.model, env.data, joints)
 
     def run(self) -> None:
         spec = self.env.task.object()
@@ -133,19 +138,22 @@ class _Program:
             grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp)
             if grip_point is not None:
                 self.held_once = True
-                if self._follow(grip_point, spec.yaw_fold):
-                    self._let_go()
+                if self._follow(grip_point, spec):
+                    if spec.let_go:
+                        self._let_go()
+                    else:
+                        self.finished = True
                     return
                 self.lost = True
-            if self._fell_into_place():
+            if spec.let_go and self._fell_into_place():
                 self._let_go()
                 return
             self._back_off()
 
-    def _follow(self, grip_point: np.ndarray, yaw_fold: int) -> bool:
-        """True once the follower decides to release, False if the object was lost."""
+    def _follow(self, grip_point: np.ndarray, spec: ObjectSpec) -> bool:
+        """True once the follower decides that the plans are fulfilled, False if the object was lost."""
         now = self.grip = self.body.read()
-        self.follower = follower = Follower(self.settings, yaw_fold, now)
+        self.follower = follower = Follower(self.settings, spec.yaw_fold, now, self.reach.miss, let_go=spec.let_go)
         step = 0
         while True:
             if step % self.settings.following.replan_steps == 0:
@@ -156,7 +164,7 @@ class _Program:
                 self.trace.plans.append((self.body.steps, plan.position[0]))
             command = follower.command(now)
             self.phase = command.phase
-            if command.phase == "release":
+            if command.phase in ("release", "keep"):
                 return True
             now = self.body.move_object(command.target)
             step += 1
@@ -164,7 +172,7 @@ class _Program:
                 return False
 
     def _let_go(self) -> None:
-        self.released = True
+        self.finished = True
         self.phase = "release"
         opening, still = self.body.read().opening, 0
         for _ in range(self.env.robot.stroke_steps):
@@ -195,7 +203,7 @@ class _Program:
 
     def why(self, env: ManipulationEnv) -> str:
         """The class of a failure; looks at contacts, which no decision does."""
-        if self.released:
+        if self.finished:
             return "not aligned"
         if not self.held_once:
             return "missed grasp"

@@ -4,6 +4,7 @@ Decisions rest on the plans, the object's pose and where the hand holds it: no p
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -12,9 +13,9 @@ from ocplanner import _core
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import Reading, raised
 from ocplanner.transfer.settings import TransferSettings
-from ocplanner.transfer.symmetry import angle_between, mean_rotation, nearest_equivalent
+from ocplanner.transfer.symmetry import angle_between, equivalents, mean_rotation, nearest_equivalent
 
-Phase = Literal["lift", "transit", "align", "lower", "unstick", "release"]
+Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep"]
 
 # Places tried after wedging, in units of the search radius: the estimate itself, then a ring around it.
 _SEARCH = np.array(
@@ -25,7 +26,7 @@ _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
 class Command(NamedTuple):
-    """Where the object should go now, and why; ``release`` means let go."""
+    """Where the object should go now, and why; ``release`` means let go, ``keep`` that it is there and stays in hand."""
 
     target: Pose
     phase: Phase
@@ -38,15 +39,29 @@ class Follower:
         settings: modes and thresholds.
         yaw_fold: symmetry of the goal, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         start: what is sensed when the object has just been taken.
+        let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
+        miss: foretells by how much the hand would miss a pose (world frame), metres; see
+            :meth:`ocplanner.envs.kinematics.Reach.miss`. Without it every pose counts as reachable.
     """
 
-    def __init__(self, settings: TransferSettings, yaw_fold: int, start: Reading) -> None:
+    def __init__(
+        self,
+        settings: TransferSettings,
+        yaw_fold: int,
+        start: Reading,
+        miss: Callable[[Pose], float] | None = None,
+        *,
+        let_go: bool = True,
+    ) -> None:
         self.settings = settings
+        self._lets_go = let_go
         self._rule = settings.following
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
         )
+        self._miss = miss
+        self._turned: np.ndarray | None = None
         self._start = start.object
         self._previous = start.object
         self._top = float(start.object.position[2])
@@ -54,6 +69,7 @@ class Follower:
         self._lifted = False
         self._still = 0
         self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
+        self._last_ends: deque[np.ndarray] = deque(maxlen=self._rule.goal_memory // 3)
         self._hold: float | None = None
         self._aligning = 0
         self._lowering: Reading | None = None
@@ -70,13 +86,12 @@ class Follower:
             now: what is sensed.
         """
         if rotations is not None:
-            # one turn for the whole plan, chosen near the rotation that the object has: no jumps within a plan
-            first = nearest_equivalent(rotations[0], now.object.rotation, self._yaw_fold)
-            rotations = rotations @ (rotations[0].T @ first)
+            rotations = self._turn(positions, rotations, now)
         self._controller.set_plan(np.ascontiguousarray(positions), rotations, now.object)
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
         end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
+        self._last_ends.append(end.position)
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
         elif self._ends and self._lowering is None:
@@ -90,7 +105,10 @@ class Follower:
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
         target = Pose(*self._controller.target(here))
-        if self.may_release(here, moved):
+        if not self._lets_go:
+            if self.has_arrived(here, moved):
+                return Command(here, "keep")
+        elif self.may_release(here, moved):
             return Command(here, "release")
         if self.settings.follow != "gated":
             return Command(target, "transit")
@@ -106,6 +124,13 @@ class Follower:
         reference = self._ends[-1].rotation
         near = [nearest_equivalent(end.rotation, reference, self._yaw_fold) for end in self._ends]
         return Pose(position, mean_rotation(np.array(near)))
+
+    def has_arrived(self, here: Pose, moved: float = 0.0) -> bool:
+        """Whether the object has been lifted, rests, and the last plans lead nowhere else."""
+        if len(self._last_ends) < (self._last_ends.maxlen or 0) or not self._has_lifted(here):
+            return False
+        farthest = np.linalg.norm(np.array(self._last_ends) - here.position, axis=1).max()
+        return bool(farthest < self._rule.release and moved < self._rule.resting)
 
     def may_release(self, here: Pose, moved: float = 0.0) -> bool:
         """Whether the plans are fulfilled.
@@ -124,6 +149,37 @@ class Follower:
             return True
         patient = self.settings.follow != "gated" or self._attempt >= rule.attempts
         return bool(patient and away[2] < rule.release and moved < rule.resting)
+
+    def _turn(self, positions: np.ndarray, rotations: np.ndarray, now: Reading) -> np.ndarray:
+        """The plan's rotations, all turned alike by the goal's symmetry: no jumps within a plan.
+
+        The turn is the one nearest to the rotation that the object has, unless the arm does not reach the plan's end
+        with it; then the nearest with which it does. Such a choice is kept, or the object would turn back halfway.
+        """
+        nearest, *others = equivalents(rotations[0], self._reference(now.object), self._yaw_fold)
+        whole = rotations @ (rotations[0].T @ nearest)
+        if self._miss is None or self.settings.follow != "gated":
+            return whole
+
+        def miss(turned: np.ndarray) -> float:
+            motion = Pose(positions[-1], turned[-1]) @ now.object.inverse()
+            return self._miss(motion @ now.eef)
+
+        least = miss(whole)
+        for other in others:
+            if least < self._rule.reach:
+                break
+            turned = rotations @ (rotations[0].T @ other)
+            if (missed := miss(turned)) < least - self._rule.reach:
+                least, whole = missed, turned
+                self._turned = other
+        if self._turned is not None:
+            self._turned = whole[0]
+        return whole
+
+    def _reference(self, here: Pose) -> np.ndarray:
+        """(3, 3) rotation near which equivalent ones are chosen."""
+        return here.rotation if self._turned is None else self._turned
 
     def _has_lifted(self, here: Pose) -> bool:
         return self._lifted or bool(here.position[2] > self._start.position[2] + self._rule.lift_first)
@@ -149,7 +205,7 @@ class Follower:
 
     def _let_down(self, now: Reading, goal: Pose, moved: float) -> Command:
         rule, here = self._rule, now.object
-        rotation = nearest_equivalent(goal.rotation, here.rotation, self._yaw_fold)
+        rotation = nearest_equivalent(goal.rotation, self._reference(here), self._yaw_fold)
         ring = rule.search * (1 + self._attempt // len(_SEARCH))
         place = goal.position.copy()
         place[:2] += ring * _SEARCH[self._attempt % len(_SEARCH)]

@@ -10,6 +10,7 @@ from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
 _STILL_STEPS = 4
+_BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside it
 
 
 def choose_grasp(spec: ObjectSpec, robot: RobotSpec, object_pose: Pose, home: np.ndarray) -> Pose:
@@ -22,8 +23,25 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, object_pose: Pose, home: np
         home: (3, 3) rotation of the end effector before the approach.
     """
     site = Pose(np.zeros(3), robot.rotation_grasp_site)
-    candidates = [grasp.pose_object_eef @ site for grasp in spec.grasps]
+    candidates = [leaning(grasp.pose_object_eef, robot.lean) @ site for grasp in spec.grasps]
     return min(candidates, key=lambda grasp: angle_between((object_pose @ grasp).rotation, home))
+
+
+def leaning(grasp: Pose, angle: float) -> Pose:
+    """A grasp with the palm tilted away from the object's middle, about the line along which the fingers close.
+
+    The fingers keep their places on the object. A grasp at the middle has no such direction and stays as it is.
+
+    Args:
+        grasp: grasp frame in the object's frame, see :class:`ocplanner.envs.tasks.GraspFrame`.
+        angle: radians.
+    """
+    closing, sideways, approach = grasp.rotation.T
+    outward = float(sideways @ grasp.position)
+    if abs(outward) < _BESIDE:
+        return grasp
+    tilted = np.cos(angle) * approach - np.sign(outward) * np.sin(angle) * sideways
+    return Pose(grasp.position, np.column_stack([closing, np.cross(tilted, closing), tilted]))
 
 
 def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings) -> np.ndarray | None:

@@ -48,6 +48,8 @@ class FollowSettings:
     """Distance from a planned pose that counts as there."""
     gate_rotation: float = 0.2
     """Angle from a planned pose that counts as there."""
+    reach: float = 0.004
+    """Error of the arm's own kinematics at the plan's end above which another turn of the object is looked for."""
     lift_first: float = 0.05
     """Height gained before moving sideways, if the plan lifts at all."""
     lowering: float = 0.03

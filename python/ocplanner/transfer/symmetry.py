@@ -2,6 +2,7 @@
 
 import numpy as np
 
+_TURNS = 8
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Angle between two rotations (3, 3), radians in [0, pi]."""
@@ -35,6 +36,20 @@ def nearest_equivalent(rotation: np.ndarray, reference: np.ndarray, yaw_fold: in
         quantum = 2 * np.pi / yaw_fold
         best = quantum * np.round(best / quantum)
     return rotation @ yaw_rotation(best)
+
+
+def equivalents(rotation: np.ndarray, reference: np.ndarray, yaw_fold: int) -> list[np.ndarray]:
+    """The rotations equivalent to ``rotation``, the nearest to ``reference`` first.
+
+    Args:
+        rotation: (3, 3) object -> world.
+        reference: (3, 3) object -> world.
+        yaw_fold: as for :func:`nearest_equivalent`; of the turns that 0 allows, eight are given.
+    """
+    nearest = nearest_equivalent(rotation, reference, yaw_fold)
+    count = yaw_fold or _TURNS
+    turned = [nearest @ yaw_rotation(2 * np.pi * step / count) for step in range(count)]
+    return sorted(turned, key=lambda other: angle_between(other, reference))
 
 
 def mean_rotation(rotations: np.ndarray) -> np.ndarray:
