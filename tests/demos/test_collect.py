@@ -7,6 +7,7 @@ import pytest
 from ocplanner.demos import collect as collecting
 from ocplanner.demos.collect import collect
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.layouts import split_object
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.errors import DatasetError, InvalidValueError, UnknownNameError
 from ocplanner.holding import held_steps
@@ -42,7 +43,9 @@ def test_does_not_depend_on_the_workers(collected, tmp_path):
             assert np.array_equal(one[name].states, two[name].states)
 
 
-@pytest.mark.parametrize(("task", "main", "shortest"), [("Lift", "cube", 10), ("Can", "Can", 40)])
+@pytest.mark.parametrize(
+    ("task", "main", "shortest"), [("Lift", "cube", 10), ("Can", "Can", 40), ("Stack", "cubeA", 30)]
+)
 def test_records_the_other_tasks(tmp_path, task, main, shortest):
     collected = collect(tmp_path / "other.hdf5", task, episodes=2, noise=0.5)
     with Demonstrations(collected.path) as demos:
@@ -51,10 +54,14 @@ def test_records_the_other_tasks(tmp_path, task, main, shortest):
         for demo in demos:
             assert demo.rewards[-1] == 1.0
             positions, rotations = demo.object_poses(main)
+            order = demo.object_layout()
+            assert order is not None
+            vector = split_object(demo.observation("object"), demos.env_name, main, order)
+            assert np.abs(positions - vector[:, :3]).max() < 1e-9  # by name and in `object`: the same
             segment = manipulation_segment(positions, rotations, demo.actions[:, 6])
             assert shortest < segment.length < 150
             let_go = demo.actions[-1, 6] == -1
-            assert let_go == (task == "Can")  # the cube is kept up
+            assert let_go == (task != "Lift")  # there the cube is kept up
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Recording scripted demonstrations, or failures, as a robomimic data set."""
 
 import json
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ocplanner.choices import Flaw
 from ocplanner.demos.expert import demonstrate
@@ -152,7 +154,7 @@ def record(
     env: ManipulationEnv, seed: int, flaw: Flaw | None = None, noise: float = 1.0
 ) -> dict[str, np.ndarray] | None:
     """One attempt: robomimic's arrays, each row before its action; None if the expert fails, with a flaw if not."""
-    rows: dict[str, list[np.ndarray]] = {key: [] for key in ("states", "actions", *(f"obs/{k}" for k in _OBSERVATIONS))}
+    rows: dict[str, list[np.ndarray]] = defaultdict(list)
     successes: list[bool] = []
 
     def note(action: np.ndarray) -> None:
@@ -182,7 +184,12 @@ def _observe(env: ManipulationEnv, state: np.ndarray) -> dict[str, np.ndarray]:
     env.set_state(state)
     env.robosuite_env._get_observations(force_update=True)
     seen = env.robosuite_env._get_observations(force_update=True)
-    return {name: np.array(seen[sensor], dtype=np.float64) for name, sensor in _OBSERVATIONS.items()}
+    observed = {name: np.array(seen[sensor], dtype=np.float64) for name, sensor in _OBSERVATIONS.items()}
+    for spec in env.task.objects:  # by name too: readable whatever the order of numbers in `object`
+        pose = env.object_pose(spec.name)
+        observed[f"{spec.name}_pos"] = pose.position
+        observed[f"{spec.name}_quat"] = Rotation.from_matrix(pose.rotation).as_quat()
+    return observed
 
 
 def _next_attempts(succeeded: set[int], failures: set[int], episodes: int) -> list[int]:

@@ -12,7 +12,7 @@ TASK = Task(
             name="cube",
             joint="cube_joint0",
             grasps=tuple(top_grasp(f"sides-{quarter}", (0.0, 0.0, 0.0), quarter * pi / 2) for quarter in range(4)),
-            yaw_fold=4,
+            yaw_fold=0,
             let_go=False,
         ),
     ),
