@@ -14,11 +14,13 @@ from ocplanner.evaluation import encoders, experiments, held_out, policy_experim
 from ocplanner.evaluation.experiments import PlannerExperiment
 from ocplanner.evaluation.marked_tables import write_tables
 from ocplanner.evaluation.policy_tables import TABLES, PolicyTable
+from ocplanner.planner.config import Preset
 
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Remake the files under ``results/``: planners trained on Square PH, their zero-shot transfers, policies, tables.
+    """Remake the files under ``results/``: planners trained on Square PH, their zero-shot transfers, policies, tables;
+    and the paper's figures.
 
     What is there already is not done again; run the same command again after a stop.
     """
@@ -26,10 +28,20 @@ class Reproduce:
     part: Annotated[Literal["planners", "zero-shot", "encoders", "tables"] | None, tyro.conf.Positional] = None
     """planners: images, training and held-out errors. zero-shot: every planner on every arm. encoders: the search
     for the smallest image encoder. tables: rewrite those in README.md and results/README.md from the result files,
-    which the others do too. Nothing with --table."""
+    which the others do too. Nothing with --table or --figure."""
     table: Literal[1, 2] | None = None
     """A table of the paper, its policies trained and evaluated. 1: with and without the plan as a hint. 2: BCQ with and
     without the plan's reward."""
+    figure: Literal[4, 5, 6, 7, 8] | None = None
+    """A figure of the paper, drawn with planners of the first seed; those that are not among the results are trained.
+    4: validation losses for H = 5, 20 and 50. 5, 6: planned and true positions for H = 20, 50. 7: latent plans along
+    10 demonstrations. 8: a zero-shot episode on Sawyer."""
+    preset: Preset = "cpu"
+    """Of the figures' planners; only the preset cpu has some among the results."""
+    device: str = "cpu"
+    """torch device of the figures' trainings."""
+    images: Path = Path("docs/images")
+    """Folder of the figures."""
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
     work: Path = Path("runs/reproduce")
@@ -49,12 +61,16 @@ class Reproduce:
 
     def run(self) -> None:
         """Do what is missing, one line for each step done."""
-        if (self.part is None) == (self.table is None):
-            raise InvalidValueError("say what to remake: planners, zero-shot, encoders or tables, or --table 1 or 2")
+        if sum(asked is not None for asked in (self.part, self.table, self.figure)) != 1:
+            raise InvalidValueError(
+                "say what to remake: planners, zero-shot, encoders or tables, or --table 1 or 2, or --figure 4 to 8"
+            )
         console = Console()
         parts = {"planners": self._planners, "zero-shot": self._zero_shot, "encoders": self._encoders}
         if self.table is not None:
             self._policies(console, TABLES[self.table])
+        elif self.figure is not None:
+            self._figure(console, self.figure)
         else:
             parts.get(str(self.part), self._tables)(console)
 
@@ -101,6 +117,14 @@ class Reproduce:
             table.write(wanted, self.results)
             console.print(f"done {experiment.name}")
         self._tables(console)
+
+    def _figure(self, console: Console, number: int) -> None:
+        from ocplanner.evaluation.paper_figures import FigureWork, draw
+
+        work = FigureWork(
+            self.data, self.work, self.results, self.preset, self.seeds[0], workers=self.workers, device=self.device
+        )
+        console.print(f"drew {draw(number, work, self.images)}", soft_wrap=True)
 
     def _tables(self, console: Console) -> None:
         for table in TABLES.values():
