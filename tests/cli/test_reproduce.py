@@ -9,6 +9,7 @@ import pytest
 from ocplanner.cli import main
 from ocplanner.evaluation import held_out, reproduction
 from ocplanner.evaluation.experiments import planner_experiments
+from ocplanner.storage import atomic_json
 
 NAMES = [experiment.name for experiment in planner_experiments((0,))]
 
@@ -133,7 +134,7 @@ def ran(monkeypatch, tmp_path):
         made = Path(made or f"{options['--run']}/policy.safetensors")
         made.parent.mkdir(parents=True, exist_ok=True)
         content = {"best": 0.5, "last_five": 0.4, "episodes": 50, "checkpoints": [{"successes": 20}] * 5}
-        made.write_text(json.dumps(content))
+        atomic_json(made, content)  # as the real ones: others read what is there while this writes
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)

@@ -52,8 +52,10 @@ def test_the_committed_tables_are_those_of_the_committed_results(name, tmp_path)
     for entry in ("transfer", "mask_error", "heldout.json", "encoders.json", "table1.json", "table2.json"):
         if (ROOT / name / entry).exists():
             (folder / entry).symlink_to(ROOT / name / entry)
-    committed = {path: (ROOT / path).read_text() for path in ("README.md", f"{name}/README.md")}
+    pages = ("README.md", f"{name}/README.md", "docs/paper.md")
+    committed = {path: (ROOT / path).read_text() for path in pages}
     for path, text in committed.items():
+        (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text(text)
     write_tables(folder)
     assert {path: (tmp_path / path).read_text() for path in committed} == committed

@@ -4,17 +4,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ocplanner.errors import ResultFileError
+from ocplanner.evaluation.paper_comparison import comparison_table
 from ocplanner.evaluation.policy_tables import TABLES
 from ocplanner.evaluation.summary import encoder_table, held_out_table, mask_error_table, policy_table, transfer_table
 from ocplanner.storage import atomic_write
 
 
 def write_tables(results: Path) -> list[Path]:
-    """Rewrite the tables in ``README.md`` of the results, if any, and of the project if these are its main ones.
+    """Rewrite the tables in ``README.md`` of the results, if any, and in the project's pages if these are its main.
 
     ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
     demonstrations, ``ENCODERS`` those of the encoders that were tried, ``TABLE1`` and ``TABLE2`` the
-    success rates of policies.
+    success rates of policies, ``PAPER`` every rate that the paper states beside ours.
 
     Returns:
         The files that have such tables, changed or not.
@@ -28,12 +29,14 @@ def write_tables(results: Path) -> list[Path]:
         "MASKERROR": mask_error_table(results / "mask_error", results / "transfer"),
         "HELDOUT": held_out_table(results),
         "ENCODERS": encoder_table(results),
+        "PAPER": comparison_table(results),
         **{f"TABLE{table.number}": policy_table(table, results) for table in TABLES.values()},
     }
     marked = []
     pages = [results / "README.md"]
     if results.resolve().name == "results":  # others are further sets, of which the main page does not tell
-        pages.insert(0, results.resolve().parent / "README.md")
+        project = results.resolve().parent
+        pages = [project / "README.md", *pages, project / "docs" / "paper.md"]
     for path in pages:
         if not path.is_file():
             continue
