@@ -15,8 +15,8 @@ from turns import taking_turns
 
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
-from ocplanner.transfer.loop import Scenario, Stage, make_scenario
 from ocplanner.transfer.result import Run
+from ocplanner.transfer.scenario import Scenario, Stage, make_scenario
 
 _PLANNER = Path("results/planners/square_masked_h20_pose_0.safetensors")
 _ROBOT = "Sawyer"

@@ -22,6 +22,14 @@ def test_episodes_of_one_seed_on_two_arms_keep_a_strip_each(tmp_path, frames):
     assert one.read_bytes() != other.read_bytes()
 
 
+def test_several_robots_have_a_heat_map_and_several_pose_errors_a_plot(tmp_path, write_result):
+    write_result("sawyer")
+    write_result("ur5e", robot="UR5e")
+    write_result("noisy", pose_error={"position_mm": 5.0, "rotation_deg": 0.0, "latency_steps": 0})
+    written = {path.stem for path in write_figures(find_sources([tmp_path]), tmp_path / "charts")}
+    assert written == {"success_rates", "failure_matrix", "heat_map", "pose_noise_0"}
+
+
 def test_policies_have_charts_of_their_own(tmp_path, write_policy_run, write_evaluation):
     write_policy_run("run")
     write_evaluation("evaluation")

@@ -1,4 +1,5 @@
 import base64
+import json
 
 import pytest
 
@@ -42,6 +43,20 @@ def test_a_video_belongs_to_the_nearest_result_with_its_seed(tmp_path, write_res
     record, episode = match_episode(tmp_path / video, records)
     assert (record.path.parent.name if record else None) == expected
     assert (episode.seed if episode else None) == (10001 if expected else None)
+
+
+def test_of_the_cells_of_a_matrix_robot_and_task_in_the_path_decide(tmp_path, write_result):
+    cells = [
+        json.loads(write_result("cell", task=task, robot=robot).read_text())
+        for task in ("Lift", "Can")
+        for robot in ("Sawyer", "UR5e")
+    ]
+    (tmp_path / "matrix.json").write_text(json.dumps({"command": "", "cells": cells}))
+    record, _ = match_episode(
+        tmp_path / "matrix" / "can_ur5e_gated" / "episode_10001.mp4", read_results(tmp_path / "matrix.json")
+    )
+    assert record is not None
+    assert (record.task, record.robot) == ("Can", "UR5e")
 
 
 @pytest.mark.parametrize("name", ["absent.png", "film.gif"])

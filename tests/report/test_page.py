@@ -180,6 +180,20 @@ def test_names_in_evaluations_are_text_not_markup(tmp_path, write_evaluation):
     assert hostile in page.text
 
 
+def test_several_robots_are_compared_and_so_are_pose_errors(tmp_path, write_result):
+    write_result("panda", robot="Panda", successes=3)
+    write_result("sawyer")
+    page = report(tmp_path)
+    assert "Every task on every robot" in page.text
+    assert "Success against pose noise" not in page.text
+    (tmp_path / "panda.json").unlink()
+    write_result("noisy", pose_error={"position_mm": 5.0, "rotation_deg": 0.0, "latency_steps": 0})
+    page = report(tmp_path)
+    assert "Every task on every robot" not in page.text
+    assert "Success against pose noise" in page.text
+    assert "position noise, mm" in page.text
+
+
 def test_results_without_failures_make_a_page(tmp_path, write_result):
     write_result(failures=())
     assert "2/2" in report(tmp_path).text

@@ -1,3 +1,4 @@
+import json
 import shutil
 
 import pytest
@@ -75,6 +76,14 @@ def test_a_damaged_evaluation_is_an_error_that_names_it(tmp_path, write_evaluati
 def test_what_is_named_twice_is_taken_once(tmp_path, write_result):
     path = write_result()
     assert len(find_sources([path, tmp_path, path]).records) == 1
+
+
+def test_a_cell_is_taken_from_its_matrix_or_from_its_own_file_but_once(tmp_path, write_result):
+    cells = [json.loads(write_result(robot, robot=robot).read_text()) for robot in ("Sawyer", "UR5e")]
+    (tmp_path / "matrix.json").write_text(json.dumps({"command": "", "cells": cells}))
+    assert [record.robot for record in find_sources([tmp_path]).records] == ["Sawyer", "UR5e"]
+    write_result("other", robot="UR5e", planner_sha256="cd" * 32)
+    assert len(find_sources([tmp_path]).records) == 3
 
 
 def test_a_result_can_be_named_outright_and_must_then_be_one(tmp_path, write_result):

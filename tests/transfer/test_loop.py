@@ -5,13 +5,15 @@ import json
 import pytest
 
 import ocplanner as ocp
-from ocplanner.cli import main
 from ocplanner.envs import make_env
-from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError, WorkerError
 from ocplanner.planner.planner import Planner
 from ocplanner.report.video import read_video
-from ocplanner.transfer import loop
-from ocplanner.transfer.loop import make_scenario
+from ocplanner.transfer import scenario as scenario_module
+from ocplanner.transfer.journal import Journal
+from ocplanner.transfer.loop import _identity, run_transfer
+from ocplanner.transfer.result import Run
+from ocplanner.transfer.scenario import Stage, make_scenario
 from ocplanner.transfer.settings import GraspSettings, TransferSettings
 from random_planner import write_random_planner
 
@@ -37,34 +39,14 @@ def planner(tmp_path_factory):
         ({"follow": "blind"}, UnknownNameError, "open-loop"),
         ({"episodes": 0}, InvalidValueError, "at least 1"),
         ({"mask_error": -2}, InvalidValueError, "-2 pixels"),
+        ({"pose_noise": (-1.0, 0.0)}, InvalidValueError, "position is -1"),
+        ({"pose_latency": -1}, InvalidValueError, "-1 steps"),
         ({"patches": ("no-such",)}, UnknownNameError, "sawyer-base-contact"),
     ],
 )
 def test_refuses_what_does_not_fit(planner, options, error, message):
     with pytest.raises(error, match=message):
         ocp.transfer(planner, **{"episodes": 1, **options})
-
-
-def test_mask_error_needs_masks(tmp_path):
-    path = tmp_path / "p.safetensors"
-    write_random_planner(path, observe="full")
-    with pytest.raises(MismatchError, match="masked"):
-        make_scenario(Planner.load(path), "Sawyer", mask_error=2)
-
-
-def test_the_visual_preset_is_the_planners_unless_a_mismatch_is_asked_for(planner):
-    assert make_scenario(planner, "Sawyer").visual == "fast"
-    assert make_scenario(planner, "Sawyer", visual="fast").visual == "fast"
-    assert make_scenario(planner, "Sawyer", visual="stock", allow_mismatch=True).visual == "stock"
-
-
-def test_images_of_an_unknown_preset_want_it_named(tmp_path):
-    path = tmp_path / "p.safetensors"
-    write_random_planner(path, visual=None)
-    planner = Planner.load(path)
-    with pytest.raises(MismatchError, match="does not say with which visual preset"):
-        make_scenario(planner, "Sawyer")
-    assert make_scenario(planner, "Sawyer", visual="stock").visual == "stock"
 
 
 def test_what_was_asked_for_is_run_and_recorded(planner, monkeypatch):
@@ -74,16 +56,11 @@ def test_what_was_asked_for_is_run_and_recorded(planner, monkeypatch):
         made.append(make_env(*arguments, **options))
         return made[-1]
 
-    monkeypatch.setattr(loop, "make_env", make)
+    monkeypatch.setattr(scenario_module, "make_env", make)
     options = {"visual": "stock", "allow_mismatch": True, "control": "stock", "settings": HASTY}
     result = ocp.transfer(planner, "Panda", episodes=1, **options)
     assert (result.visual, result.planner_visual, result.control) == ("stock", "fast", "stock")
     assert [(env.visual.name, env.control) for env in made] == [("stock", "stock")]
-
-
-def test_patches_are_recorded_and_switchable(planner):
-    assert make_scenario(planner, "Sawyer").patches == ("sawyer-base-contact",)
-    assert make_scenario(planner, "Sawyer", patches=()).patches == ()
 
 
 def test_a_stopped_transfer_goes_on_and_films(planner, tmp_path):
@@ -146,8 +123,38 @@ def test_episodes_done_before_videos_were_asked_for_are_filmed(planner, tmp_path
     assert result.runs == straight.runs
 
 
-def test_command_line_says_what_is_wrong(planner, capsys):
-    assert main(["transfer", "--planner", str(planner.path), "--robot", "Nobody"]) == 2
-    assert "unknown robot 'Nobody'; known:" in capsys.readouterr().err
-    assert main(["transfer", "--planner", "absent.safetensors"]) == 2
-    assert "absent.safetensors" in capsys.readouterr().err
+def test_pose_errors_change_the_episode_by_seed_and_are_recorded(planner, tmp_path):
+    options = {"robot": "Panda", "episodes": 1, "settings": TransferSettings(grasp=GraspSettings(tries=1))}
+    exact, noisy, again = (
+        ocp.transfer(planner, pose_noise=noise, pose_latency=latency, **options)
+        for noise, latency in (((0.0, 0.0), 0), ((10.0, 5.0), 2), ((10.0, 5.0), 2))
+    )
+    assert noisy.runs == again.runs
+    assert noisy.runs != exact.runs
+    assert noisy.to_json()["pose_error"] == {"position_mm": 10.0, "rotation_deg": 5.0, "latency_steps": 2}
+    out = tmp_path / "transfer.json"
+    Journal(tmp_path / "transfer.json.journal", _identity(make_scenario(planner, "Panda"), planner))
+    with pytest.raises(OutputError, match="another pose_error"):
+        ocp.transfer(planner, "Panda", episodes=1, out=out, pose_latency=1)
+
+
+def test_a_result_is_given_back_only_if_it_is_of_these_episodes(planner, tmp_path):
+    out = tmp_path / "transfer.json"
+    panda = make_scenario(planner, "Panda", settings=HASTY)
+    first = run_transfer(panda, planner, [1, 2], out=out, keep=True)
+    seen = []
+    options = {"out": out, "keep": True, "on_episode": seen.append}
+    assert run_transfer(panda, planner, [1, 2], **options) == first
+    assert seen == []
+    for scenario, seeds in ((panda, [1, 3]), (make_scenario(planner, "Panda", pose_latency=1, settings=HASTY), [1, 2])):
+        with pytest.raises(OutputError, match="holds another transfer"):
+            run_transfer(scenario, planner, seeds, **options)
+    assert [run.seed for run in run_transfer(panda, planner, [3], overwrite=True, **options).runs] == [3]
+
+
+def test_an_example_that_ends_otherwise_when_it_is_filmed_is_an_error(planner, tmp_path, monkeypatch):
+    scenario = make_scenario(planner, "Panda", settings=HASTY)
+    played = iter([Run(1, True, 10, None, "follower"), Run(1, False, 12, "slip", None)])
+    monkeypatch.setattr(Stage, "play", lambda stage, seed: next(played))
+    with pytest.raises(WorkerError, match="seed 1 of Square on Panda ended otherwise"):
+        run_transfer(scenario, planner, [1], out=tmp_path / "transfer.json", examples=1)

@@ -1,7 +1,12 @@
 import json
+from dataclasses import replace
 
+import pytest
+
+from ocplanner.errors import ResultFileError
 from ocplanner.report.results import read_results
-from ocplanner.transfer.result import Run, TransferResult, result_name
+from ocplanner.transfer.pose_error import PoseError
+from ocplanner.transfer.result import Run, TransferResult
 
 
 def result() -> TransferResult:
@@ -16,6 +21,7 @@ def result() -> TransferResult:
         control="native",
         patches=("sawyer-base-contact",),
         mask_error=0,
+        pose_error=PoseError(5.0, 2.0),
         planner_sha256="ab12",
         planner_seed=0,
         command="ocplanner transfer",
@@ -35,16 +41,40 @@ def test_file_holds_what_the_design_asks_for(tmp_path):
     assert {"seed", "success", "steps", "failure"} <= set(content["runs"][0])
     assert read_results(path)[0].successes == 1
     assert (content["visual"], content["planner_visual"], content["control"]) == ("stock", "fast", "native")
-    assert read_results(path)[0].setting == "gated, masked, stock visuals"
+    assert read_results(path)[0].setting == "gated, masked, stock visuals, pose noise 5 mm 2°"
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path):
+    assert TransferResult.load(result().save(tmp_path / "x.json")) == result()
+
+
+def test_files_from_before_there_were_pose_errors_are_read(tmp_path):
+    path = result().save(tmp_path / "x.json")
+    content = json.loads(path.read_text())
+    del content["pose_error"]
+    path.write_text(json.dumps(content))
+    assert TransferResult.load(path) == replace(result(), pose_error=PoseError())
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"runs": 3}'])
+def test_a_file_that_is_no_result_is_named(tmp_path, text):
+    (tmp_path / "x.json").write_text(text)
+    with pytest.raises(ResultFileError, match=r"x\.json is no result"):
+        TransferResult.load(tmp_path / "x.json")
 
 
 def test_names():
-    assert result_name("Square", "Sawyer", "gated", "masked", 0) == "square_sawyer_gated_masked_0.json"
-    assert result_name("Square", "UR5e", "open-loop", "no-robot", None) == "square_ur5e_open-loop_no-robot.json"
-    assert "error2" in result_name("Square", "Sawyer", "gated", "masked", 0, 2)
-    assert "stock" in result_name("Square", "Sawyer", "gated", "masked", 0, visual="stock")
+    plain = replace(result(), visual="fast", pose_error=PoseError())
+    assert plain.file_name == "square_sawyer_gated_masked_0.json"
+    other = replace(plain, robot="UR5e", follow="open-loop", observe="no-robot", planner_seed=None)
+    assert other.file_name == "square_ur5e_open-loop_no-robot.json"
+    assert "_error2_" in replace(plain, mask_error=2).file_name
+    assert "_stock_" in replace(plain, visual="stock").file_name
+    late = replace(plain, pose_error=PoseError(5.0, 2.0, 3))
+    assert late.file_name == "square_sawyer_gated_masked_noise5mm2deg_latency3_0.json"
 
 
 def test_printed_line():
     assert "1/2" in str(result())
     assert "1 time-out" in str(result())
+    assert "noise5mm2deg" in str(result())

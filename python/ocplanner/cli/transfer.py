@@ -1,32 +1,51 @@
 """``ocplanner transfer``."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress
 
+from ocplanner.envs.robots import ROBOTS
 from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.errors import InvalidValueError
 from ocplanner.progress import counting_columns
+
+if TYPE_CHECKING:
+    from ocplanner.transfer.result import Run, TransferResult
+
+_PLANNERS = Path("results/planners")
+_MATRIX = Path("results/matrix.json")
+_ROBOT = "Sawyer"
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """Solve a planner's task on a robot that never demonstrated it.
+    """Solve a planner's task on a robot that never demonstrated it, or with --matrix every task on every robot.
 
     Stop it whenever you like: the same command goes on where it was.
     """
 
-    planner: Path
+    planner: Path | None = None
     """Planner file (.safetensors)."""
-    robot: str = "Sawyer"
-    """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7."""
+    robot: str | None = None
+    """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7. Default: Sawyer."""
     task: str | None = None
     """The task; must be the planner's."""
+    matrix: bool = False
+    """Try every planner of --planners on every robot of --robots."""
+    planners: tuple[Path, ...] = ()
+    """With --matrix: planner files, one a task, or folders. Default: results/planners."""
+    planner_seed: int = 0
+    """With --matrix: of the planners in a folder take those of this training seed."""
+    robots: tuple[str, ...] = ()
+    """With --matrix: the arms. Default: all seven."""
     episodes: int = 50
-    """Episodes to run."""
+    """Episodes to run; with --matrix of each task on each robot."""
     seed_start: int = 10000
     """Seed of the first episode; the others follow."""
     follow: Literal["gated", "time", "open-loop"] = "gated"
@@ -43,60 +62,141 @@ class Transfer:
     """Who runs the control loop: stock is robosuite's own, slower, with the same torques."""
     mask_error: int = 0
     """Make the robot's mask wrong by so many pixels."""
+    pose_noise: Annotated[str, tyro.conf.arg(metavar="MM,DEG")] = "0,0"
+    """Make the object's pose wrong that grasping and following read: standard deviations of its position along each
+    axis and of its angle about a random axis, drawn anew each control step."""
+    pose_latency: Annotated[int, tyro.conf.arg(metavar="STEPS")] = 0
+    """Make that pose so many control steps (0.05 s) old."""
     workers: int = 1
     """Processes; the result does not depend on it."""
     ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
     videos: int = 0
-    """Record so many of the first episodes as mp4."""
+    """Record so many of the first episodes as mp4; with --matrix so many successes and so many failures of each task on
+    each robot."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Result file. Default: results/transfer/TASK_ROBOT_FOLLOW_OBSERVE_SEED.json."""
+    """Result file. Default: results/transfer/TASK_ROBOT_FOLLOW_OBSERVE_SEED.json, or results/matrix.json, whose cells
+    are kept in results/matrix."""
     overwrite: bool = False
-    """Replace the result file if it is there."""
+    """Replace the result file if it is there; of a matrix those of its cells that hold something else."""
 
     def run(self) -> None:
         """Transfer with a progress bar."""
+        if self.matrix:
+            self._run_matrix()
+        else:
+            self._run_one()
+
+    def _run_one(self) -> None:
         from ocplanner.planner.planner import Planner
-        from ocplanner.transfer.loop import result_path, transfer
-        from ocplanner.transfer.result import Run
+        from ocplanner.transfer.loop import describe, run_transfer, seeds_of
+        from ocplanner.transfer.scenario import make_scenario
 
-        robot_spec(self.robot)
+        self._refuse(planners=self.planners, robots=self.robots, planner_seed=self.planner_seed)
+        robot = robot_spec(self.robot or _ROBOT).name
+        if self.planner is None:
+            raise InvalidValueError("no planner is given; name its file with --planner, or add --matrix")
         planner = Planner.load(self.planner)
-        out = self.out or result_path(planner, self.robot, self.follow, self.mask_error, self.visual)
+        scenario = make_scenario(planner, robot, task=self.task, **self._conditions())
+        out = self.out or Path("results/transfer") / describe(scenario, planner).file_name
         console = Console()
-        with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
-            bar = progress.add_task(self.robot, total=self.episodes)
-            successes = 0
-
-            def count(run: Run) -> None:
-                nonlocal successes
-                successes += run.success
-                progress.update(bar, advance=1, description=f"{self.robot}: {successes} succeeded")
-                if not console.is_terminal:
-                    console.print(f"seed {run.seed}: {'success' if run.success else run.failure} ({run.steps} steps)")
-
-            result = transfer(
+        with _episode_bar(console) as bar:
+            result = run_transfer(
+                scenario,
                 planner,
-                self.robot,
-                task=self.task,
-                episodes=self.episodes,
-                seed_start=self.seed_start,
-                follow=self.follow,
-                observe=self.observe,
-                visual=self.visual,
-                allow_mismatch=self.allow_mismatch,
-                patches=None if self.patches else (),
-                control=self.control,
-                mask_error=self.mask_error,
+                seeds_of(self.episodes, self.seed_start),
                 workers=self.workers,
                 ray=self.ray,
                 out=out,
                 overwrite=self.overwrite,
                 videos=self.videos,
-                on_episode=count,
+                on_episode=bar(robot, self.episodes),
             )
         console.print(str(result), soft_wrap=True)
         console.print(f"{out}", soft_wrap=True)
+
+    def _run_matrix(self) -> None:
+        from ocplanner.report.heat_map import write_heat_map
+        from ocplanner.transfer.matrix import find_planners, transfer_matrix
+
+        self._refuse(planner=self.planner, robot=self.robot, task=self.task)
+        robots = [robot_spec(name).name for name in self.robots or ROBOTS]
+        planners = find_planners(self.planners or (_PLANNERS,), self.planner_seed)
+        out, picture = self.out or _MATRIX, (self.out or _MATRIX).with_suffix(".png")
+        console = Console()
+        with _episode_bar(console) as bar:
+            count: Callable[[Run], None] = bar("", 0)
+
+            def begin(cell: "TransferResult") -> None:
+                nonlocal count
+                count = bar(f"{cell.task} on {cell.robot}", self.episodes)
+
+            def finish(cell: "TransferResult") -> None:
+                console.print(str(cell), soft_wrap=True)
+                write_heat_map(out, picture)
+
+            transfer_matrix(
+                planners,
+                robots,
+                out=out,
+                episodes=self.episodes,
+                seed_start=self.seed_start,
+                workers=self.workers,
+                ray=self.ray,
+                overwrite=self.overwrite,
+                videos=self.videos,
+                on_start=begin,
+                on_episode=lambda run: count(run),
+                on_cell=finish,
+                **self._conditions(),
+            )
+        console.print(f"{out}, {picture}", soft_wrap=True)
+
+    def _conditions(self) -> dict[str, Any]:
+        from ocplanner.transfer.pose_error import parse_noise
+
+        return {
+            "follow": self.follow,
+            "observe": self.observe,
+            "visual": self.visual,
+            "allow_mismatch": self.allow_mismatch,
+            "patches": None if self.patches else (),
+            "control": self.control,
+            "mask_error": self.mask_error,
+            "pose_noise": parse_noise(self.pose_noise),
+            "pose_latency": self.pose_latency,
+        }
+
+    def _refuse(self, **flags: Any) -> None:
+        given = [f"--{name.replace('_', '-')}" for name, value in flags.items() if value]
+        if given and self.matrix:
+            raise InvalidValueError(
+                f"{given[0]} does not go with --matrix, which tries all planners (--planners) on all robots (--robots)"
+            )
+        if given:
+            raise InvalidValueError(f"{given[0]} goes with --matrix only; a single transfer has --planner and --robot")
+
+
+@contextmanager
+def _episode_bar(console: Console) -> Iterator[Callable[[str, int], Callable[[Any], None]]]:
+    """Yields what begins a bar of so many episodes and returns what counts one; without a terminal each is a line."""
+    with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("")
+
+        def begin(name: str, episodes: int) -> Callable[["Run"], None]:
+            successes = 0
+            progress.reset(bar, total=episodes, description=name)
+
+            def count(run: "Run") -> None:
+                nonlocal successes
+                successes += run.success
+                progress.update(bar, advance=1, description=f"{name}: {successes} succeeded")
+                if not console.is_terminal:
+                    console.print(f"seed {run.seed}: {'success' if run.success else run.failure} ({run.steps} steps)")
+
+            return count
+
+        yield begin
 
 
 COMMAND = Transfer

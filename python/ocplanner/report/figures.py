@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+from ocplanner.report.heat_map import draw_heat_map, heat_map
 from ocplanner.report.names import distinct_names
+from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.plots import error_curves, failure_matrix, loss_curves, success_rates
 from ocplanner.report.policy_curves import policy_curves, success_curves
@@ -14,7 +16,8 @@ from ocplanner.report.video import read_video
 
 
 def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
-    """Write curves of training and of success, success rates and failure classes as SVG and PNG, and film strips.
+    """Write curves of training and of success, success rates, failure classes and a heat map of tasks and robots as SVG
+    and PNG, and film strips.
 
     Raises:
         ResultFileError: a video cannot be decoded.
@@ -32,6 +35,10 @@ def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
     if sources.records:
         groups = group_results(sources.records)
         charts |= {"success_rates": success_rates(groups), "failure_matrix": failure_matrix(groups)}
+        if (table := heat_map(groups)).compares:
+            charts["heat_map"] = draw_heat_map(table)
+        series = noise_series(sources.records)
+        charts |= {f"pose_noise_{i}": success_against_noise(records) for i, records in enumerate(series)}
     written = [
         save_figure(figure, folder / f"{name}.{kind}") for name, figure in charts.items() for kind in ("svg", "png")
     ]

@@ -67,11 +67,11 @@ def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[Transf
     """The episode that a video shows: its seed is a number in the file's name.
 
     A result ``a/b.json`` has its videos in ``a/b/``. Elsewhere the result nearest to the file is taken, of several one
-    whose robot is named in the path; if several still fit, none.
+    whose robot and task are named in the path; if several still fit, none.
     """
     seeds = [int(number) for number in re.findall(r"\d+", path.stem)]
     candidates = [
-        ((_distance(path, record), record.robot.lower() not in str(path).lower()), i)
+        ((_distance(path, record), *(name.lower() not in str(path).lower() for name in (record.robot, record.task))), i)
         for i, record in enumerate(records)
         if any(record.episode(seed) for seed in seeds)
     ]

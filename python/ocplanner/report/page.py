@@ -10,7 +10,9 @@ import yaml
 from markupsafe import Markup
 
 from ocplanner.policies.result import PolicyResult
+from ocplanner.report.heat_map import cell_text, heat_map
 from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
+from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
 from ocplanner.report.policy_section import policy_section
 from ocplanner.report.results import TransferGroup, TransferRecord, failure_classes, group_results
@@ -36,6 +38,8 @@ _DRAWN_HERE = (
     "error_curves",
     "success_rates",
     "failure_matrix",
+    "heat_map",
+    "pose_noise",
     "film_strip",
 )
 
@@ -94,6 +98,9 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
         title=title or _title(sources),
         colors=page_colors(),
         groups=groups,
+        heat_map=heat_map(groups),
+        cell_text=cell_text,
+        noise_panels=_noise_panels(sources.records),
         classes=failure_classes(groups),
         most_failures=max((max(group.failures().values(), default=0) for group in groups), default=0),
         records=sources.records,
@@ -187,6 +194,13 @@ def _panels(runs: Sequence[Run]) -> list[Markup]:
     return [
         Markup(page_svg(curve_panel(runs, stage, value, title), f"panel{i}"))  # noqa: S704 drawn and escaped by matplotlib
         for i, (stage, value, title) in enumerate(drawn)
+    ]
+
+
+def _noise_panels(records: Sequence[TransferRecord]) -> list[Markup]:
+    return [
+        Markup(page_svg(success_against_noise(series), f"noise{i}"))  # noqa: S704 drawn and escaped by matplotlib
+        for i, series in enumerate(noise_series(records))
     ]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
+from ocplanner.transfer.pose_error import PoseError
 
 FAILURES = ("missed grasp", "lost grasp", "slip", "stuck in transit", "not aligned", "not released", "time-out")
 """The classes of failed episodes, in the order in which an episode meets them."""
@@ -30,8 +31,8 @@ class TransferRecord:
     """The content of one result file.
 
     ``interval`` is the 95 % Wilson interval of the success rate, ``planner_seed`` the training seed of the planner,
-    ``mask_error`` the pixels by which masks of the robot were off, ``foreign_visual`` the visual preset if the planner
-    was trained on another.
+    ``mask_error`` the pixels by which masks of the robot were off, ``pose_error`` how wrong the object's pose was that
+    was read, ``foreign_visual`` the visual preset if the planner was trained on another.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class TransferRecord:
     command: str
     versions: Mapping[str, str]
     mask_error: int
+    pose_error: PoseError
     planner_seed: int | None
     foreign_visual: str | None
     runs: tuple[EpisodeRecord, ...]
@@ -64,6 +66,15 @@ class TransferRecord:
     @property
     def setting(self) -> str:
         """How it was run, such as ``gated, masked``."""
+        error = self.pose_error
+        noisy, late = error.position_mm or error.rotation_deg, error.latency_steps
+        noise = [f"pose noise {error.position_mm:g} mm {error.rotation_deg:g}°"] if noisy else []
+        latency = [f"pose {late} steps late"] if late else []
+        return ", ".join([self.exact_setting, *noise, *latency])
+
+    @property
+    def exact_setting(self) -> str:
+        """How it was run, but for the error of the object's pose."""
         error = [f"mask {self.mask_error} px off"] if self.mask_error else []
         visual = [f"{self.foreign_visual} visuals"] if self.foreign_visual else []
         return ", ".join([self.follow, self.observe, *error, *visual])
@@ -159,6 +170,7 @@ def _parse(path: Path, content: dict[str, Any]) -> TransferRecord:
             command=str(content.get("command", "")),
             versions={str(name): str(version) for name, version in content.get("versions", {}).items()},
             mask_error=int(content.get("mask_error", 0)),
+            pose_error=PoseError(**content.get("pose_error", {})),
             planner_seed=None if content.get("planner_seed") is None else int(content["planner_seed"]),
             foreign_visual=_foreign_visual(content),
             runs=runs,

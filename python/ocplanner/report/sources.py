@@ -71,7 +71,7 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
     weights = {file: _is_policy(file) for file in unique if file.suffix == WEIGHTS}
     sources = Sources(
         runs=tuple(read_run(file.parent) for file in unique if file.name == METRICS),
-        records=tuple(record for file in json_files if file not in evaluations for record in read_results(file)),
+        records=_distinct(record for file in json_files if file not in evaluations for record in read_results(file)),
         videos=tuple(file for file in unique if file.suffix == ".mp4"),
         figures=tuple(file for file in unique if file.suffix in PICTURES),
         planners=tuple(file for file, is_policy in weights.items() if not is_policy),
@@ -84,6 +84,14 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
             "no metrics.jsonl, result, planner, policy, mp4 or figures"
         )
     return sources
+
+
+def _distinct(records: Iterable[TransferRecord]) -> tuple[TransferRecord, ...]:
+    """Records without repetitions: a matrix and its cells' own files hold the same."""
+    found = {}
+    for record in records:
+        found.setdefault((record.title, record.patches, record.planner_sha256, record.runs), record)
+    return tuple(found.values())
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -2,102 +2,20 @@
 
 import shlex
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
-from ocplanner.envs.robots import robot as robot_spec
-from ocplanner.envs.tasks import task as task_spec
-from ocplanner.envs.visuals import visual_preset
-from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
+from ocplanner.errors import InvalidValueError, OutputError, WorkerError
 from ocplanner.evaluation.rollouts import run_episodes
 from ocplanner.planner.planner import Planner
 from ocplanner.storage import check_free, locked
-from ocplanner.transfer.episode import run_episode
 from ocplanner.transfer.journal import Journal
-from ocplanner.transfer.mask_error import ErringMask
-from ocplanner.transfer.recording import Recorder
-from ocplanner.transfer.result import Run, TransferResult, result_name
+from ocplanner.transfer.result import Run, TransferResult
+from ocplanner.transfer.scenario import Scenario, Stage, make_scenario
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.versions import installed
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """What one worker needs to run any of the episodes.
-
-    Attributes:
-        planner: the planner file.
-        task: name of the task.
-        robot: name of the robot.
-        observe: what the planner sees.
-        cameras: the planner's cameras.
-        image_size: side of its pictures, pixels.
-        visual: visual preset.
-        patches: corrections of the model.
-        control: who runs the control loop.
-        mask_error: pixels by which masks are wrong.
-        settings: the follower's numbers.
-        videos: folder of videos, or None.
-        filmed: seeds whose episodes are recorded.
-    """
-
-    planner: Path
-    task: str
-    robot: str
-    observe: str
-    cameras: tuple[str, ...]
-    image_size: int
-    visual: str
-    patches: tuple[str, ...]
-    control: str = "native"
-    mask_error: int = 0
-    settings: TransferSettings = field(default_factory=TransferSettings)
-    videos: Path | None = None
-    filmed: tuple[int, ...] = ()
-
-    def video(self, seed: int) -> Path | None:
-        """The file that an episode is recorded to, or None if it is not recorded."""
-        return self.videos / f"episode_{seed}.mp4" if self.videos is not None and seed in self.filmed else None
-
-    def make(self) -> "Stage":
-        """Load the planner and put the robot before its task."""
-        env = make_env(
-            self.task,
-            self.robot,
-            cameras=self.cameras,
-            image_size=self.image_size,
-            visual=self.visual,
-            observe=self.observe,
-            patches=self.patches,
-            control=self.control,
-        )
-        return Stage(self, env, Planner.load(self.planner))
-
-
-class Stage:
-    """A scenario set up in a process."""
-
-    def __init__(self, scenario: Scenario, env: ManipulationEnv, planner: Planner) -> None:
-        """Keep the parts."""
-        self.scenario, self.env, self.planner = scenario, env, planner
-
-    def play(self, seed: int) -> Run:
-        """Run one episode."""
-        scenario = self.scenario
-        video = scenario.video(seed)
-        recorder = None if video is None else Recorder(self.env)
-        sight = ErringMask(scenario.mask_error, seed)
-        episode = run_episode(self.env, self.planner, seed, scenario.settings, observe=sight.observe, on_step=recorder)
-        if recorder is not None and video is not None:
-            recorder.write(video, episode)
-        return Run(seed, episode.success, episode.steps, episode.failure, episode.released_by)
-
-    def close(self) -> None:
-        """Free the simulation."""
-        self.env.close()
 
 
 def transfer(
@@ -114,6 +32,8 @@ def transfer(
     patches: tuple[str, ...] | None = None,
     control: str = "native",
     mask_error: int = 0,
+    pose_noise: tuple[float, float] = (0.0, 0.0),
+    pose_latency: int = 0,
     settings: TransferSettings | None = None,
     workers: int = 1,
     ray: str | None = None,
@@ -138,6 +58,9 @@ def transfer(
         patches: corrections of the robot's model; its own if not given, none for ``()``.
         control: who runs the control loop, ``native`` or ``stock``.
         mask_error: pixels by which masks are wrong.
+        pose_noise: standard deviations of the object's pose that grasping and following read, drawn anew each control
+            step: millimetres along each axis, degrees about an axis of any direction. The verdict stays exact.
+        pose_latency: control steps by which that pose is late.
         settings: the follower's numbers; ``follow`` overrides theirs.
         workers: processes; the result does not depend on it.
         ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
@@ -151,143 +74,171 @@ def transfer(
     Raises:
         UnknownNameError: a robot, follow mode, visual preset, control loop or patch that does not exist.
         MismatchError: the planner was made for another task, observation or visual preset.
+        InvalidValueError: a number is out of its domain.
         OutputError: ``out`` cannot be written, is there already, or holds episodes of another transfer.
         ClusterError: there is no Ray cluster at the address.
     """
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
-    if episodes < 1:
-        raise InvalidValueError(f"episodes is {episodes}, but must be at least 1")
     scenario = make_scenario(
         planner,
         robot,
         task=task,
+        follow=follow,
         observe=observe,
         visual=visual,
         allow_mismatch=allow_mismatch,
         patches=patches,
         control=control,
         mask_error=mask_error,
+        pose_noise=pose_noise,
+        pose_latency=pose_latency,
+        settings=settings,
     )
-    scenario = replace(scenario, settings=replace(settings or TransferSettings(), follow=follow))
-    seeds = range(seed_start, seed_start + episodes)
+    return run_transfer(
+        scenario,
+        planner,
+        seeds_of(episodes, seed_start),
+        workers=workers,
+        ray=ray,
+        out=None if out is None else Path(out),
+        overwrite=overwrite,
+        videos=videos,
+        command=command,
+        on_episode=on_episode,
+    )
+
+
+def seeds_of(episodes: int, start: int) -> range:
+    """One seed an episode.
+
+    Raises:
+        InvalidValueError: there are none.
+    """
+    if episodes < 1:
+        raise InvalidValueError(f"episodes is {episodes}, but must be at least 1")
+    return range(start, start + episodes)
+
+
+def run_transfer(
+    scenario: Scenario,
+    planner: Planner,
+    seeds: Sequence[int],
+    *,
+    workers: int = 1,
+    ray: str | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    keep: bool = False,
+    videos: int = 0,
+    examples: int = 0,
+    command: str | None = None,
+    on_episode: Callable[[Run], None] | None = None,
+) -> TransferResult:
+    """:func:`transfer` of a scenario that is made already.
+
+    Args:
+        scenario: what is run.
+        planner: the scenario's planner.
+        seeds: one an episode.
+        workers: processes.
+        ray: address of a Ray cluster for the workers.
+        out: result file.
+        overwrite: replace ``out`` if it holds something else.
+        keep: if ``out`` holds the result of these very episodes already, give it back.
+        videos: record so many of the first episodes beside the result file.
+        examples: record so many successes and so many failures beside it, the first of each: they are run again.
+        command: what remakes the result; the running command if not given.
+        on_episode: called with each episode that is run, or was by a run that was stopped.
+
+    Raises:
+        WorkerError: an episode that was run again for its video ended otherwise.
+        OcplannerError: as :func:`transfer` does.
+    """
+    blank = describe(scenario, planner, command or running_command())
     if out is None:
         runs = _play(scenario, seeds, workers, ray, None, on_episode)
-    else:
-        out = Path(out)
+        return replace(blank, runs=tuple(runs[seed] for seed in seeds))
+    scenario = replace(scenario, videos=out.with_suffix("").absolute(), filmed=tuple(seeds[:videos]))
+    with locked(out):
+        kept = _kept(out, blank, seeds, overwrite) if keep and out.is_file() else None
+        if kept is not None:
+            _film_examples(scenario, kept, examples, workers, ray, again=False)
+            return kept
         check_free(out, overwrite)
-        scenario = replace(scenario, videos=out.with_suffix("").absolute(), filmed=tuple(seeds[:videos]))
-        with locked(out):
-            journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
-            runs = _play(scenario, seeds, workers, ray, journal, on_episode)
-    result = TransferResult(
+        journal = Journal(out.with_name(f"{out.name}.journal"), _identity(scenario, planner))
+        runs = _play(scenario, seeds, workers, ray, journal, on_episode)
+        result = replace(blank, runs=tuple(runs[seed] for seed in seeds))
+        _film_examples(scenario, result, examples, workers, ray, again=True)
+        result.save(out)
+        journal.remove()
+    return result
+
+
+def describe(scenario: Scenario, planner: Planner, command: str = "") -> TransferResult:
+    """The result of a scenario before any episode of it is run; its file name is known already."""
+    return TransferResult(
         task=scenario.task,
         robot=scenario.robot,
-        follow=follow,
+        follow=scenario.settings.follow,
         observe=scenario.observe,
         visual=scenario.visual,
         planner_visual=planner.config["visual"],
         control=scenario.control,
         patches=scenario.patches,
-        mask_error=mask_error,
+        mask_error=scenario.mask_error,
+        pose_error=scenario.pose_error,
         planner_sha256=planner.sha256,
         planner_seed=planner.config.get("seed"),
-        command=command or _running_command(),
+        command=command,
         versions=installed(),
-        runs=tuple(runs[seed] for seed in seeds),
-    )
-    if isinstance(out, Path):
-        result.save(out)
-        out.with_name(f"{out.name}.journal").unlink(missing_ok=True)
-    return result
-
-
-def make_scenario(
-    planner: Planner,
-    robot: str,
-    *,
-    task: str | None = None,
-    observe: str | None = None,
-    visual: str | None = None,
-    allow_mismatch: bool = False,
-    patches: tuple[str, ...] | None = None,
-    control: str = "native",
-    mask_error: int = 0,
-) -> Scenario:
-    """What the planner file says about how it wants to see, checked against what is asked for.
-
-    Raises:
-        UnknownNameError: no such robot, task, visual preset or control loop.
-        MismatchError: the planner was made for another task, object, observation or visual preset.
-        InvalidValueError: ``mask_error`` is negative.
-    """
-    config = planner.config
-    spec, arm = task_spec(str(config["task"])), robot_spec(robot)
-    if control not in CONTROL_LOOPS:
-        raise UnknownNameError("control loop", control, CONTROL_LOOPS)
-    if task is not None and task_spec(task).name != spec.name:
-        raise MismatchError(f"{planner.path} plans for the task {spec.name}, not {task}; train a planner on {task}")
-    if config["object"] not in {candidate.name for candidate in spec.objects}:
-        raise MismatchError(
-            f"{planner.path} plans for the object {config['object']!r}, which {spec.name} does not have"
-        )
-    if observe is not None and observe != config["observe"]:
-        raise MismatchError(
-            f"{planner.path} was trained on observe={config['observe']}, not {observe}; "
-            f"leave --observe out, or train a planner with --observe {observe}"
-        )
-    if mask_error < 0:
-        raise InvalidValueError(f"mask_error is {mask_error} pixels, but must not be negative")
-    if mask_error and config["observe"] != "masked":
-        raise MismatchError(f"a mask error needs a planner trained on observe=masked, not {config['observe']}")
-    return Scenario(
-        planner=Path(planner.path).absolute(),
-        task=spec.name,
-        robot=arm.name,
-        observe=str(config["observe"]),
-        cameras=tuple(config["cameras"]),
-        image_size=int(config["image_size"]),
-        visual=_preset(planner, visual, allow_mismatch),
-        patches=arm.patches if patches is None else tuple(patches),
-        control=control,
-        mask_error=mask_error,
+        runs=(),
     )
 
 
-def _preset(planner: Planner, asked: str | None, allow_mismatch: bool) -> str:
-    """The visual preset to draw with: the one that the planner was trained on, unless another is wanted knowingly."""
-    trained = planner.config["visual"]
-    if asked is None and trained is None:
-        raise MismatchError(
-            f"{planner.path} does not say with which visual preset its images were drawn; "
-            f"name it with --visual (robosuite's own pictures are stock)"
-        )
-    name = visual_preset(trained if asked is None else asked).name
-    if trained is not None and name != trained and not allow_mismatch:
-        raise MismatchError(
-            f"{planner.path} was trained on the visual preset {trained}, not {name}; leave --visual out, train "
-            f"a planner on images that `ocplanner render --visual {name}` draws, or add --allow-mismatch"
-        )
-    return name
+def running_command() -> str:
+    """What was typed to run this."""
+    name = Path(sys.argv[0]).name if sys.argv else "ocplanner"
+    return shlex.join([name, *sys.argv[1:]])
 
 
-def result_path(
-    planner: Planner,
-    robot: str,
-    follow: str,
-    mask_error: int = 0,
-    visual: str | None = None,
-    root: Path = Path("results"),
-) -> Path:
-    """Where a result belongs, such as ``results/transfer/square_sawyer_gated_masked_0.json``."""
-    config = planner.config
-    other = None if visual == config["visual"] else visual
-    name = result_name(config["task"], robot, follow, config["observe"], config.get("seed"), mask_error, other)
-    return root / "transfer" / name
+def _kept(out: Path, blank: TransferResult, seeds: Sequence[int], overwrite: bool) -> TransferResult | None:
+    """What the file holds if it is these episodes, of whatever versions; None if it is to be replaced."""
+    found = TransferResult.load(out)
+    same = replace(found, command=blank.command, versions=blank.versions, runs=()) == blank
+    if same and [run.seed for run in found.runs] == list(seeds):
+        return found
+    if not overwrite:
+        raise OutputError(
+            f"{out} holds another transfer (other episodes, planner or settings); choose another output, or allow "
+            "overwriting (--overwrite; overwrite=True)"
+        )
+    return None
+
+
+def _film_examples(
+    scenario: Scenario, result: TransferResult, examples: int, workers: int, ray: str | None, *, again: bool
+) -> None:
+    """Run the first successes and failures again to record them; ``again`` also those whose video is there."""
+    good = [run.seed for run in result.runs if run.success][:examples]
+    bad = [run.seed for run in result.runs if not run.success][:examples]
+    scenario = replace(scenario, filmed=(*good, *bad))
+    ended = {run.seed: run for run in result.runs}
+    left = [seed for seed in scenario.filmed if again or not _is_there(scenario.video(seed))]
+    for seed, run in run_episodes(scenario.make, Stage.play, left, workers, ray=ray):
+        if run != ended[seed]:
+            raise WorkerError(
+                f"the episode of seed {seed} of {result.task} on {result.robot} ended otherwise when it was run again "
+                f"for its video ({run} after {ended[seed]}); delete its result, or leave --videos out"
+            )
+
+
+def _is_there(path: Path | None) -> bool:
+    return path is not None and path.exists()
 
 
 def _play(
     scenario: Scenario,
-    seeds: range,
+    seeds: Sequence[int],
     workers: int,
     ray: str | None,
     journal: Journal | None,
@@ -323,8 +274,3 @@ def _identity(scenario: Scenario, planner: Planner) -> dict[str, Any]:
     for key in ("planner", "videos", "filmed"):
         del content[key]
     return {**content, "planner_sha256": planner.sha256, "versions": installed()}
-
-
-def _running_command() -> str:
-    name = Path(sys.argv[0]).name if sys.argv else "ocplanner"
-    return shlex.join([name, *sys.argv[1:]])

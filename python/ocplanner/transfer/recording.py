@@ -22,10 +22,12 @@ class Recorder:
     def __init__(self, env: ManipulationEnv) -> None:
         self._env = env
         self.frames: list[np.ndarray] = []
+        self._positions: list[np.ndarray] = []
 
     def __call__(self) -> None:
-        """Take a picture."""
+        """Take a picture, and note where the object is."""
         self.frames.append(self._env.render(_CAMERA, _SIDE, _SIDE))
+        self._positions.append(self._env.object_pose().position)
 
     def write(self, path: Path, episode: Episode) -> Path:
         """Write the mp4: the plan in force in red, the object's own path in another colour."""
@@ -38,12 +40,11 @@ class Recorder:
             if step in plans:
                 current = project(_CAMERA, plans[step], _SIDE, _SIDE)
             planned.append(None if phase in ("grasp", "release", "recover") else current)
-        positions = np.array([reading.object.position for reading in trace.readings])
         outcome = "success" if episode.success else episode.failure
         last = len(trace.phases) - 1
         captions = [
             Caption(self._env.robot.name, episode.seed, step, phase, outcome if step == last else None)
             for step, phase in enumerate(trace.phases)
         ]
-        achieved = project(_CAMERA, positions, _SIDE, _SIDE)
+        achieved = project(_CAMERA, np.array(self._positions), _SIDE, _SIDE)
         return write_episode_video(path, self.frames, planned, achieved, captions=captions)

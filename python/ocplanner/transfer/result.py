@@ -1,12 +1,15 @@
 """What a transfer gives: episodes one by one, the rate, and what it takes to run it again."""
 
+import json
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ocplanner.errors import ResultFileError
 from ocplanner.evaluation.intervals import wilson
 from ocplanner.storage import atomic_json
+from ocplanner.transfer.pose_error import PoseError
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,22 @@ class Run:
     steps: int
     failure: str | None
     released_by: str | None
+
+
+_PLAIN = (
+    "task",
+    "robot",
+    "follow",
+    "observe",
+    "visual",
+    "planner_visual",
+    "control",
+    "mask_error",
+    "planner_sha256",
+    "planner_seed",
+    "command",
+    "versions",
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +53,7 @@ class TransferResult:
         control: who was asked to run the control loop.
         patches: corrections of the model that were on.
         mask_error: pixels by which masks were wrong.
+        pose_error: how wrong the object's pose was that grasping and following read.
         planner_sha256: of the planner file.
         planner_seed: training seed of the planner, if known.
         command: remakes this result.
@@ -50,6 +70,7 @@ class TransferResult:
     control: str
     patches: tuple[str, ...]
     mask_error: int
+    pose_error: PoseError
     planner_sha256: str
     planner_seed: int | None
     command: str
@@ -88,6 +109,7 @@ class TransferResult:
             "control": self.control,
             "patches": list(self.patches),
             "mask_error": self.mask_error,
+            "pose_error": asdict(self.pose_error),
             "episodes": self.episodes,
             "successes": self.successes,
             "interval": list(self.interval),
@@ -99,32 +121,44 @@ class TransferResult:
             "runs": [asdict(run) for run in self.runs],
         }
 
+    @classmethod
+    def load(cls, path: str | Path) -> "TransferResult":
+        """Read a result file.
+
+        Raises:
+            ResultFileError: it is missing, damaged, or of another kind.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            return cls(
+                **{key: content[key] for key in _PLAIN},
+                patches=tuple(content["patches"]),
+                pose_error=PoseError(**content.get("pose_error", {})),
+                runs=tuple(Run(**run) for run in content["runs"]),
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ResultFileError(f"{path} is no result of a transfer, or damaged: {error!r}") from error
+
     def save(self, path: str | Path) -> Path:
         """Write the result file, whole or not at all."""
         atomic_json(path, self.to_json())
         return Path(path)
 
+    @property
+    def file_name(self) -> str:
+        """Such as ``square_sawyer_gated_masked_0.json``; names errors and a visual preset that is not the planner's."""
+        error = [f"error{self.mask_error}"] if self.mask_error else []
+        foreign = [] if self.visual == self.planner_visual else [self.visual]
+        parts = [self.task, self.robot, self.follow, self.observe, *error, *self.pose_error.labels, *foreign]
+        seed = [] if self.planner_seed is None else [str(self.planner_seed)]
+        return "_".join([*parts, *seed]).lower() + ".json"
+
     def __str__(self) -> str:
         """The line that the command prints."""
         low, high = self.interval
-        lines = f"{self.task} on {self.robot} ({self.follow}, {self.observe}): {self.successes}/{self.episodes}"
+        setting = ", ".join([self.follow, self.observe, *self.pose_error.labels])
+        lines = f"{self.task} on {self.robot} ({setting}): {self.successes}/{self.episodes}"
         lines += f" succeeded, 95 % interval {low:.2f}-{high:.2f}"
         if self.failures:
             lines += "; failed: " + ", ".join(f"{count} {name}" for name, count in sorted(self.failures.items()))
         return lines
-
-
-def result_name(
-    task: str,
-    robot: str,
-    follow: str,
-    observe: str,
-    planner_seed: int | None,
-    mask_error: int = 0,
-    visual: str | None = None,
-) -> str:
-    """File name of a result, such as ``square_sawyer_gated_masked_0.json``; names ``visual`` if it is given."""
-    error = [f"error{mask_error}"] if mask_error else []
-    parts = [task, robot, follow, observe, *error, *([visual] if visual else [])]
-    seed = [] if planner_seed is None else [str(planner_seed)]
-    return "_".join([*parts, *seed]).lower() + ".json"

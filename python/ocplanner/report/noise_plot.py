@@ -1,0 +1,81 @@
+"""Success against the error of the object's pose."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from ocplanner.errors import ResultFileError
+from ocplanner.report.plots import shared_legend
+from ocplanner.report.results import TransferRecord, read_results
+from ocplanner.report.style import SERIES, new_figure, save_figure, styled
+
+_APART = 0.12
+"""Between lines at the same position noise, millimetres, so that their intervals do not cover each other."""
+
+
+def noise_series(records: Iterable[TransferRecord]) -> list[list[TransferRecord]]:
+    """Transfers that differ only in the pose's error, each list by that error; lists of one are left out."""
+    series: dict[tuple[str, ...], list[TransferRecord]] = {}
+    for record in records:
+        error = record.pose_error
+        key = (record.task, record.robot, record.exact_setting, record.planner_sha256, str(error.latency_steps))
+        series.setdefault(key, []).append(record)
+    ordered = (
+        sorted(members, key=lambda record: (record.pose_error.rotation_deg, record.pose_error.position_mm))
+        for members in series.values()
+    )
+    return [members for members in ordered if len({record.pose_error for record in members}) > 1]
+
+
+def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
+    """Success rate against position noise, one line a rotation noise, with 95 % Wilson intervals.
+
+    Args:
+        records: one of :func:`noise_series`.
+    """
+    first = records[0]
+    angles = sorted({record.pose_error.rotation_deg for record in records})
+    with styled():
+        figure = new_figure(5.2, 3.4)
+        axes = figure.subplots()
+        for i, angle in enumerate(angles):
+            line = [record for record in records if record.pose_error.rotation_deg == angle]
+            rates = np.array([record.rate for record in line])
+            below, above = abs(np.array([record.interval for record in line]).T - rates)
+            millimetres = [record.pose_error.position_mm + _APART * (i - (len(angles) - 1) / 2) for record in line]
+            axes.errorbar(
+                millimetres,
+                rates,
+                yerr=(below, above),
+                marker="o",
+                markersize=4.5,
+                capsize=2.5,
+                color=SERIES[i % len(SERIES)],
+                label=f"rotation noise {angle:g}°",
+            )
+        late = first.pose_error.latency_steps
+        axes.set(
+            title=f"{first.task} on {first.robot} ({first.exact_setting}{f', {late} steps late' if late else ''})",
+            xlabel="position noise, mm (standard deviation along each axis)",
+            ylabel="success rate",
+            ylim=(-0.02, 1.02),
+        )
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        shared_legend(figure)
+    return figure
+
+
+def write_noise_plot(results: Iterable[Path], picture: Path) -> Path:
+    """Draw result files of one transfer under several pose errors.
+
+    Raises:
+        ResultFileError: a file is damaged, or they are not such results.
+        OutputError: the picture cannot be written.
+    """
+    series = noise_series(record for path in results for record in read_results(path))
+    if len(series) != 1:
+        raise ResultFileError(f"{len(series)} transfers under several pose errors were found; expected one")
+    return save_figure(success_against_noise(series[0]), picture)
