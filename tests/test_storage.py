@@ -8,10 +8,11 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from ocplanner.errors import OutputError
-from ocplanner.storage import atomic_json, atomic_write, locked
+from ocplanner.storage import atomic_json, atomic_write, locked, seal, sealed
 
 
 def test_appears_complete(tmp_path):
@@ -172,3 +173,17 @@ def test_no_room(tmp_path):
     done = subprocess.run([sys.executable, "-c", FULL, path], capture_output=True, text=True, check=True)
     assert f"cannot write {path}" in done.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("size", [0, 1, 3 << 20])
+def test_a_seal_tells_damage(tmp_path, size):
+    path = tmp_path / "part"
+    path.write_bytes(np.random.default_rng(0).bytes(size))
+    assert not sealed(path)
+    seal(path)
+    assert sealed(path)
+    content = bytearray(path.read_bytes())
+    assert len(content) == size + 32
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    assert not sealed(path)

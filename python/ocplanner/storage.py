@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import socket
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import OutputError
+
+_PIECE = 1 << 20
+"""Bytes read at a time."""
 
 _REMEDIES = {
     errno.ENOSPC: "the disk is full; free some space and run the same command again",
@@ -69,6 +73,9 @@ def sync_folder(folder: Path) -> None:
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary file name beside ``path``; on success it is synced and renamed to ``path``.
 
+    The block must write that very file: what writes another one beside it and renames that, as ``save_file`` of
+    safetensors does, would leave it behind when killed.
+
     Until then ``path`` keeps its old content, or stays absent. When the block raises, the temporary file is removed.
     Temporary files that killed processes of this machine left for the same ``path`` are swept away first.
 
@@ -82,13 +89,11 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep(path.parent, prefix)
         temporary.touch()
-        mode = temporary.stat().st_mode & 0o777  # writers that replace the file, such as safetensors', make it private
     try:
         with writing(path):
             yield temporary
             descriptor = os.open(temporary, os.O_RDWR)
             try:
-                os.fchmod(descriptor, mode)
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
@@ -97,6 +102,27 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
+
+
+def seal(path: Path) -> None:
+    """Append a file's SHA-256 to it, so that :func:`sealed` can tell later damage."""
+    with path.open("r+b") as file:
+        digest = hashlib.file_digest(file, "sha256").digest()
+        file.seek(0, os.SEEK_END)
+        file.write(digest)
+
+
+def sealed(path: Path) -> bool:
+    """Whether a file is as it was when :func:`seal` was called for it."""
+    size = path.stat().st_size - hashlib.sha256().digest_size
+    if size < 0:
+        return False
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(min(size, _PIECE)):
+            digest.update(piece)
+            size -= len(piece)
+        return file.read() == digest.digest()
 
 
 def atomic_json(path: str | Path, value: Any) -> None:

@@ -1,6 +1,7 @@
 """What the writer promises: complete or absent, nothing lost but the demonstration in flight, one process at a time."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -230,3 +231,58 @@ def test_no_room_keeps_what_was_added(tmp_path, limit):
     with DatasetWriter(path, {"env_name": "Lift"}) as writer:
         writer.finish()
     assert [demo.length for demo in Demonstrations(path)] == [4_000, 4_000]
+
+
+def test_a_damaged_part_is_named_and_made_again(tmp_path):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        for seed in range(2):
+            writer.add(f"demo_{seed}", _arrays(seed))
+        part = writer.parts / "demo_1.hdf5"
+    content = bytearray(part.read_bytes())
+    content[content.index(_arrays(1)["actions"].tobytes())] ^= 1
+    part.write_bytes(content)
+    with pytest.raises(OutputError, match=r"demo_1\.hdf5: damaged since written; delete it"):
+        DatasetWriter(path, ENV_ARGS)
+    assert part.read_bytes() == content
+    part.unlink()
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        assert writer.done == ("demo_0",)
+
+
+@pytest.mark.parametrize("header", [b"", b"[1]", b"\xff"])
+def test_a_damaged_header_is_named(tmp_path, header):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        writer.add("demo_0", _arrays())
+        (writer.parts / "header.json").write_bytes(header)
+    with pytest.raises(OutputError, match=r"header\.json is damaged .*delete"):
+        DatasetWriter(path, ENV_ARGS)
+
+
+@pytest.mark.parametrize("removed", [(), ("header.json",), ("header.json", "demo_0.hdf5")])
+def test_a_kill_while_the_parts_are_removed_leaves_nothing(tmp_path, removed):
+    path, kept = tmp_path / "set.hdf5", tmp_path / "kept"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        for seed in range(2):
+            writer.add(f"demo_{seed}", _arrays(seed))
+        shutil.copytree(writer.parts, kept)
+        writer.finish()
+    for name in removed:
+        (kept / name).unlink()
+    kept.rename(writer.parts)
+    with pytest.raises(OutputError, match="exists already"):
+        DatasetWriter(path, ENV_ARGS)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_parts_that_are_to_replace_a_file_stay(tmp_path):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        writer.add("demo_0", _arrays())
+        writer.finish()
+    with DatasetWriter(path, {**ENV_ARGS, "env_version": "1.5.1"}, overwrite=True) as writer:
+        writer.add("demo_0", _arrays())
+    with pytest.raises(OutputError, match="exists already"):
+        DatasetWriter(path, ENV_ARGS)
+    assert len(list(writer.parts.iterdir())) == 2

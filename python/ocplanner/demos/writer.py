@@ -2,7 +2,8 @@
 
 An HDF5 file that is open for writing when its process dies is lost as a whole. Each demonstration is therefore first a
 small file of its own in the folder ``<target>.parts``, written beside and renamed; only when all are there are they
-copied, block by block, into the target, which appears complete or not at all.
+copied, block by block, into the target, which appears complete or not at all. Each carries its SHA-256 at its end,
+which HDF5 does not mind: one that was damaged since is refused when an interrupted writer is resumed.
 """
 
 import contextlib
@@ -20,7 +21,7 @@ import numpy as np
 from ocplanner.demos.dataset import natural_key
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, OutputError
-from ocplanner.storage import atomic_json, atomic_write, locked, output_error
+from ocplanner.storage import atomic_json, atomic_write, locked, output_error, seal, sealed
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HEADER = "header.json"
@@ -46,7 +47,7 @@ class DatasetWriter:
 
     Raises:
         OutputError: ``path`` exists, another process writes it, the folder is not writable, or an interrupted writer
-            left demonstrations made with other settings.
+            left demonstrations that are damaged or made with other settings.
     """
 
     def __init__(
@@ -65,6 +66,8 @@ class DatasetWriter:
         self._resources.enter_context(locked(self.path))
         try:
             if self.path.exists() and not overwrite:
+                if self._finished():
+                    self._discard_parts()
                 raise OutputError(
                     f"{self.path} exists already; choose another output, or allow overwriting (--overwrite; "
                     "overwrite=True)"
@@ -93,8 +96,7 @@ class DatasetWriter:
             OutputError: the disk is full or the folder is gone.
         """
         steps = _check(name, arrays)
-        part = self.parts / f"{name}.hdf5"
-        with _saving(self.path), atomic_write(part) as temporary, _create(temporary) as file:
+        with self._part(name) as file:
             group = file.create_group("demo")
             group.attrs.update({**(attrs or {}), "num_samples": steps})
             _store(group, arrays)
@@ -113,8 +115,7 @@ class DatasetWriter:
             OutputError: the disk is full or the folder is gone.
         """
         steps = _check(demo.name, {"actions": demo.actions, **arrays})
-        part = self.parts / f"{demo.name}.hdf5"
-        with _saving(self.path), atomic_write(part) as temporary, _create(temporary) as file:
+        with self._part(demo.name) as file:
             demo.copy_to(file, "demo")
             group = file.require_group("demo")
             group.attrs["num_samples"] = steps
@@ -167,18 +168,52 @@ class DatasetWriter:
         """Let go of the output."""
         self.close()
 
+    @contextlib.contextmanager
+    def _part(self, name: str) -> Iterator[h5py.File]:
+        """A new file for one demonstration, which appears when the block ends."""
+        with _saving(self.path), atomic_write(self.parts / f"{name}.hdf5") as temporary:
+            with _create(temporary) as file:
+                yield file
+            seal(temporary)
+
+    def _header(self) -> dict[str, Any]:
+        header = self.parts / _HEADER
+        try:
+            found = json.loads(header.read_text(encoding="utf-8"))
+            if not isinstance(found, dict):
+                raise ValueError(f"it holds {type(found).__name__}")
+        except (OSError, ValueError) as error:
+            raise OutputError(f"{header} is damaged ({error}); delete {self.parts} and start again") from error
+        return found
+
+    def _finished(self) -> bool:
+        """Whether the parts are leftovers: a kill came between the target's appearance and their removal."""
+        if not self.parts.is_dir():
+            return False
+        if not (self.parts / _HEADER).exists():
+            return True
+        with contextlib.suppress(OutputError, OSError, KeyError, RuntimeError), h5py.File(self.path, "r") as file:
+            data = file["data"]
+            made = {key: data.attrs[key] for key in self._header()}
+            return made == self._header() and isinstance(data, h5py.Group) and {*self.done} <= {*data}
+        return False
+
     def _open_parts(self, resume: bool) -> None:
         header = self.parts / _HEADER
         if resume and header.exists() and self.done:
-            try:
-                found = json.loads(header.read_text(encoding="utf-8"))
-            except (OSError, ValueError) as error:
-                raise OutputError(f"{header} is damaged ({error}); delete {self.parts} and start again") from error
+            found = self._header()
             if found != self._attrs:
                 differing = sorted(key for key in {*found, *self._attrs} if found.get(key) != self._attrs.get(key))
                 raise OutputError(
                     f"{self.parts} holds demonstrations made with another {', '.join(differing)}; "
                     "run with the settings as before, delete that folder, or choose another output"
+                )
+            damaged = [str(part) for part in sorted(self.parts.glob("*.hdf5")) if not sealed(part)]
+            if damaged:
+                raise OutputError(
+                    f"{', '.join(damaged[:3])}{' and others' * (len(damaged) > 3)}: damaged since written; delete "
+                    f"{'them' if len(damaged) > 1 else 'it'} and run the same command again, which makes only what is "
+                    "missing"
                 )
             return
         if self.parts.exists():

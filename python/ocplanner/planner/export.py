@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from ocplanner.errors import PlannerFileError, TrainingError
@@ -74,7 +74,7 @@ def export_planner(
         )
     metadata = {"ocplanner": json.dumps({"format": FORMAT, "kind": "planner", "config": description})}
     with atomic_write(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+        temporary.write_bytes(save(tensors, metadata=metadata))
 
 
 def planner_config(config: PlannerTraining, provenance: Provenance) -> dict[str, Any]:

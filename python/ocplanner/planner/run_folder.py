@@ -1,13 +1,15 @@
 """The folder of one training: configuration, metrics, TensorBoard events and checkpoints, all safe against a kill."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 import yaml
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
@@ -44,9 +46,11 @@ class RunFolder:
         if path.exists():
             try:
                 found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-            except yaml.YAMLError as error:
+                if not isinstance(found, dict):
+                    raise ValueError(f"it holds {type(found).__name__}")
+            except (ValueError, yaml.YAMLError) as error:
                 raise TrainingError(
-                    f"{path} is not readable YAML ({error}); remove the run folder or choose another --run"
+                    f"{path} is damaged ({_first_line(error)}); remove the run folder or choose another --run"
                 ) from error
             changed = _differences(found, dict(settings))
             if changed:
@@ -60,10 +64,11 @@ class RunFolder:
     # -- checkpoints -----------------------------------------------------------------------------------------------
 
     def save(self, name: str, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
-        """Write ``checkpoints/<name>.safetensors`` atomically."""
+        """Write ``checkpoints/<name>.safetensors`` atomically, with a checksum."""
         plain = {key: tensor.detach().cpu().contiguous() for key, tensor in tensors.items()}
+        told = {**facts, "sha256": _checksum(plain, facts)}
         with atomic_write(self._checkpoint(name)) as temporary:
-            save_file(plain, temporary, metadata={"facts": json.dumps(dict(facts))})
+            temporary.write_bytes(save(plain, metadata={"facts": json.dumps(told)}))
 
     def load(self, name: str) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
         """The tensors and facts of a checkpoint; None when there is none.
@@ -77,9 +82,12 @@ class RunFolder:
         try:
             with safe_open(path, framework="pt") as file:
                 facts = json.loads((file.metadata() or {})["facts"])
-                return {key: file.get_tensor(key) for key in file.keys()}, facts  # noqa: SIM118
-        except (SafetensorError, OSError, KeyError, ValueError) as error:
+                tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+            if facts.pop("sha256", None) not in (None, _checksum(tensors, facts)):  # none: by an older version
+                raise ValueError("its checksum is wrong")
+        except (SafetensorError, OSError, LookupError, TypeError, AttributeError, ValueError) as error:
             raise TrainingError(f"{path} is damaged ({error}); remove it to train from the start") from error
+        return tensors, facts
 
     def _checkpoint(self, name: str) -> Path:
         return self.path / "checkpoints" / f"{name}.safetensors"
@@ -128,6 +136,18 @@ class RunFolder:
         """Close the TensorBoard file."""
         if self._board is not None:
             self._board.close()
+
+
+def _checksum(tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> str:
+    digest = hashlib.sha256(json.dumps(dict(facts), sort_keys=True).encode())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> list[str]:

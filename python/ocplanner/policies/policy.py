@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from ocplanner.demos.hdf5 import HDF5_MAGIC
@@ -39,7 +39,7 @@ def save_policy(actor: nn.Module, description: Mapping[str, Any], path: Path) ->
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in actor.state_dict().items()}
     metadata = {"ocplanner": json.dumps({"format": FORMAT, "kind": "policy", "config": dict(description)})}
     with atomic_write(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+        temporary.write_bytes(save(tensors, metadata=metadata))
 
 
 class Policy:
