@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import OPEN, Body, Reading, raised
+from ocplanner.transfer.body import OPEN, Body, Reading
 from ocplanner.transfer.grasp import is_held, take_hold
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
@@ -17,6 +17,8 @@ from ocplanner.transfer.symmetry import angle_between
 _GAIN = 1.5
 _GRASP = GraspSettings()
 _ALIGNED, _ALIGNED_ROTATION, _RESTING = 0.004, 0.12, 0.002
+_NEAR, _NEAR_ROTATION = 0.02, 0.15
+_UPWARD = np.array([0.0, 0.0, 0.14])
 _ARRIVING = 0.95  # share of the path from which the hand is steady and may have arrived
 
 
@@ -63,7 +65,13 @@ class NoisyBody(Body):
         super().__init__(env, law, horizon)
         self._noise, self._rng, self._on_action = noise, rng, on_action
         self._tremor = np.zeros(6)
+        self._env = env
         self.steady = False
+        self.in_play: str | None = None  # the object that is read and moved; the task's main one
+
+    def read(self) -> Reading:
+        """Sense, of the objects the one in play."""
+        return Reading(self._env.object_pose(self.in_play), self._env.eef_pose(), self._env.gripper_opening)
 
     def act(self, delta: np.ndarray, grip: float) -> Reading:
         """One control step, with noise unless :attr:`steady`."""
@@ -73,6 +81,19 @@ class NoisyBody(Body):
             self._on_action(np.append(noisy, grip))
         return super().act(noisy, grip)
 
+    def return_hand(self, pose: Pose) -> None:
+        """Move the open hand near a pose (2 cm, 0.15 rad), world.
+
+        Raises:
+            HorizonReached: it took too long.
+        """
+        now = self.read().eef
+        while (
+            np.linalg.norm(now.position - pose.position) > _NEAR
+            or angle_between(now.rotation, pose.rotation) > _NEAR_ROTATION
+        ):
+            now = self.move_hand(pose, OPEN).eef
+
 
 class Carrier:
     """One object from the grasp to the release.
@@ -81,21 +102,28 @@ class Carrier:
         env: the robot before its task.
         body: its hand.
         manner: of the demonstration.
+        name: the object; the task's main one if not given.
     """
 
-    def __init__(self, env: ManipulationEnv, body: NoisyBody, manner: Manner) -> None:
+    def __init__(self, env: ManipulationEnv, body: NoisyBody, manner: Manner, name: str | None = None) -> None:
         self._env, self._body, self._manner = env, body, manner
+        self._object = env.task.object(name)
         self._grip_point = np.zeros(3)
+        body.in_play = self._object.name
 
-    def take(self) -> Pose:
+    def take(self, grasp: str | None = None) -> Pose:
         """Take hold of the object; returns its pose in the hand, world.
+
+        Args:
+            grasp: how; the way that turns the wrist least if not given.
 
         Raises:
             ObjectLostError: the hand missed it.
             HorizonReached: it took too long, here as in the other methods.
         """
         self._body.steady = True
-        grip_point = take_hold(self._body, self._env.task.object(), self._env.robot, _GRASP)
+        spec = self._object if grasp is None else replace(self._object, grasps=(self._object.grasp(grasp),))
+        grip_point = take_hold(self._body, spec, self._env.robot, _GRASP)
         if grip_point is None:
             raise ObjectLostError
         self._body.steady = False
@@ -135,23 +163,30 @@ class Carrier:
         for _ in range(steps):
             self._move(pose)
 
-    def let_down(self, goal: Pose) -> None:
-        """Let the object down over the goal, to the manner's height of release.
+    def let_down(self, goal: Pose, height: float | None = None) -> None:
+        """Let the object down over the goal.
+
+        Args:
+            goal: horizontal place and rotation.
+            height: to which the object is let down, world; the manner's height of release if not given.
 
         Raises:
             ObjectLostError: it slipped out of the hand.
         """
+        height = self._manner.release_height if height is None else height
         now = self._body.read()
-        while now.object.position[2] > self._manner.release_height:
+        while now.object.position[2] > height:
             below = np.array([*goal.position[:2], now.object.position[2] - self._manner.lowering])
             now = self._move(Pose(below, goal.rotation))
 
-    def let_go(self, rise: float = 0.14) -> None:
-        """Open the hand and withdraw it upward, metres."""
+    def let_go(self, way: np.ndarray = _UPWARD) -> None:
+        """Open the hand and withdraw it along a way (3,), world, metres."""
         for _ in range(min(self._env.robot.stroke_steps, 10)):
             self._body.wait(OPEN)
-        hand = raised(self._body.read().eef, rise)
-        while self._body.move_hand(hand, OPEN).eef.position[2] < hand.position[2] - 0.02:
+        start = self._body.read().eef
+        length = float(np.linalg.norm(way))
+        hand = Pose(start.position + way, start.rotation)
+        while (self._body.move_hand(hand, OPEN).eef.position - start.position) @ way / length < length - 0.02:
             pass
 
     def _move(self, target: Pose) -> Reading:

@@ -61,7 +61,7 @@ class Task:
     Attributes:
         name: our name, such as ``"Square"``.
         env_name: robosuite's, such as ``"NutAssemblySquare"``.
-        objects: what is manipulated; the first is the main one.
+        objects: what is manipulated, in this order; the first is the main one.
         cameras: cameras whose pictures a planner sees unless told otherwise.
         horizon: control steps of an episode.
     """
