@@ -25,10 +25,21 @@ def test_one_line_a_rotation_noise_in_order_of_position_noise(write_noisy):
     figure = success_against_noise(series)
     lines = [container.lines[0] for container in figure.axes[0].containers]
     assert [line.get_label() for line in lines] == ["_nolegend_"] * 2
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["rotation noise 0°", "rotation noise 2°"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "rotation noise 0°, as read",
+        "rotation noise 2°, as read",
+    ]
     for line in lines:
         assert line.get_xdata() == pytest.approx([0, 2, 5], abs=0.1)
         assert list(line.get_ydata()) == sorted(line.get_ydata(), reverse=True)
+
+
+def test_filtered_poses_stand_beside_those_as_read(write_noisy):
+    paths = [write_noisy(0, 0), write_noisy(5, 0), write_noisy(5, 0, pose_filter=8), write_noisy(2, 0, pose_filter=8)]
+    (series,) = noise_series(records(paths))
+    legend = success_against_noise(series).legends[0].get_texts()
+    assert [text.get_text() for text in legend] == ["rotation noise 0°, mean of 8 steps", "rotation noise 0°, as read"]
+    assert "averaged over 8 steps" in next(record for record in series if record.pose_filter == 8).setting
 
 
 def test_other_robots_latencies_and_planners_stand_apart(write_noisy):

@@ -41,6 +41,7 @@ def planner(tmp_path_factory):
         ({"mask_error": -2}, InvalidValueError, "-2 pixels"),
         ({"pose_noise": (-1.0, 0.0)}, InvalidValueError, "position is -1"),
         ({"pose_latency": -1}, InvalidValueError, "-1 steps"),
+        ({"pose_filter": 0}, InvalidValueError, "at least 1"),
         ({"patches": ("no-such",)}, UnknownNameError, "sawyer-base-contact"),
     ],
 )

@@ -22,6 +22,7 @@ def result() -> TransferResult:
         patches=("sawyer-base-contact",),
         mask_error=0,
         pose_error=PoseError(5.0, 2.0),
+        pose_filter=1,
         planner_sha256="ab12",
         planner_seed=0,
         command="ocplanner transfer",
@@ -72,6 +73,7 @@ def test_names():
     assert "_stock_" in replace(plain, visual="stock").file_name
     late = replace(plain, pose_error=PoseError(5.0, 2.0, 3))
     assert late.file_name == "square_sawyer_gated_masked_noise5mm2deg_latency3_0.json"
+    assert replace(plain, pose_filter=8).file_name == "square_sawyer_gated_masked_filter8_0.json"
 
 
 def test_printed_line():

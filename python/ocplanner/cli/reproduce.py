@@ -25,10 +25,13 @@ class Reproduce:
     What is there already is not done again; run the same command again after a stop.
     """
 
-    part: Annotated[Literal["planners", "zero-shot", "encoders", "tables"] | None, tyro.conf.Positional] = None
-    """planners: images, training and held-out errors. zero-shot: every planner on every arm. encoders: the search
-    for the smallest image encoder. tables: rewrite those in README.md and results/README.md from the result files,
-    which the others do too. Nothing with --table or --figure."""
+    part: Annotated[
+        Literal["planners", "zero-shot", "matrix", "pose-noise", "encoders", "tables"] | None, tyro.conf.Positional
+    ] = None
+    """planners: images, training and held-out errors. zero-shot: every planner on every arm. matrix: every task on
+    every arm. pose-noise: Square on Sawyer with poses that are wrong. encoders: the search for the smallest image
+    encoder. tables: rewrite those in README.md and results/README.md from the result files, which the others do too.
+    Nothing with --table or --figure."""
     table: Literal[1, 2] | None = None
     """A table of the paper, its policies trained and evaluated. 1: with and without the plan as a hint. 2: BCQ with and
     without the plan's reward."""
@@ -51,7 +54,8 @@ class Reproduce:
     seeds: tuple[int, ...] = (0, 1, 2)
     """Training seeds."""
     episodes: int = 100
-    """Episodes of each transfer, seeds 10000 and up. Policies: half as many for each checkpoint, seeds 20000 and up."""
+    """Episodes of each transfer, seeds 10000 and up; half as many for matrix and pose-noise. Policies: half as many for
+    each checkpoint, seeds 20000 and up."""
     workers: int = 2
     """Processes."""
     channels: tuple[int, ...] = ()
@@ -63,10 +67,17 @@ class Reproduce:
         """Do what is missing, one line for each step done."""
         if sum(asked is not None for asked in (self.part, self.table, self.figure)) != 1:
             raise InvalidValueError(
-                "say what to remake: planners, zero-shot, encoders or tables, or --table 1 or 2, or --figure 4 to 8"
+                "say what to remake: planners, zero-shot, matrix, pose-noise, encoders or tables, or --table 1 or 2, "
+                "or --figure 4 to 8"
             )
         console = Console()
-        parts = {"planners": self._planners, "zero-shot": self._zero_shot, "encoders": self._encoders}
+        parts = {
+            "planners": self._planners,
+            "zero-shot": self._zero_shot,
+            "matrix": self._matrix,
+            "pose-noise": self._pose_noise,
+            "encoders": self._encoders,
+        }
         if self.table is not None:
             self._policies(console, TABLES[self.table])
         elif self.figure is not None:
@@ -95,6 +106,26 @@ class Reproduce:
             name = reproduction.transfer(experiment, self.work, self.results, self.episodes, self.workers)
             write_tables(self.results)
             console.print(f"done {name}")
+
+    def _matrix(self, console: Console) -> None:
+        from ocplanner.report.heat_map import write_heat_map
+
+        out = reproduction.transfer_matrix(self.seeds[0], self.work, self.results, self.episodes // 2, self.workers)
+        picture = write_heat_map(out, self.images / "matrix.png")
+        write_tables(self.results)
+        console.print(f"done {out}, {picture}", soft_wrap=True)
+
+    def _pose_noise(self, console: Console) -> None:
+        from ocplanner.report.noise_plot import write_noise_plot
+
+        done: list[Path] = []
+        for experiment in experiments.pose_noise_experiments(self.seeds[0]):
+            name = reproduction.transfer(experiment, self.work, self.results, self.episodes // 2, self.workers)
+            console.print(f"done {name}")
+            done.append(self.results / f"{name}.json")
+            if len(done) > 1:
+                write_noise_plot(done, self.images / "pose_noise.png")
+            write_tables(self.results)
 
     def _encoders(self, console: Console) -> None:
         wanted = encoders.encoder_experiments(self.seeds)

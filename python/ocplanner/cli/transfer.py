@@ -67,6 +67,8 @@ class Transfer:
     axis and of its angle about a random axis, drawn anew each control step."""
     pose_latency: Annotated[int, tyro.conf.arg(metavar="STEPS")] = 0
     """Make that pose so many control steps (0.05 s) old."""
+    pose_filter: Annotated[int, tyro.conf.arg(metavar="STEPS")] = 1
+    """Average that pose over so many control steps, in the hand's frame while it is closed; 1 takes it as it is."""
     workers: int = 1
     """Processes; the result does not depend on it."""
     ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
@@ -165,6 +167,7 @@ class Transfer:
             "mask_error": self.mask_error,
             "pose_noise": parse_noise(self.pose_noise),
             "pose_latency": self.pose_latency,
+            "pose_filter": self.pose_filter,
         }
 
     def _refuse(self, **flags: Any) -> None:

@@ -33,18 +33,28 @@ class PlannerExperiment:
 
 @dataclass(frozen=True)
 class TransferExperiment:
-    """One planner on one arm, 100 episodes."""
+    """One planner on one arm.
+
+    Attributes:
+        pose_noise: standard deviations of the pose that is read, mm and degrees, in an experiment with pose noise.
+        pose_filter: control steps over which that pose is averaged.
+    """
 
     robot: str
     follow: str = "gated"
     observe: str = "masked"
     seed: int = 0
     mask_error: int = 0
+    pose_noise: tuple[int, int] | None = None
+    pose_filter: int = 1
 
     @property
     def name(self) -> str:
         """The result file's path below the results, without its ending."""
         stem = f"square_{self.robot.lower()}_{self.follow}_{self.observe}_{self.seed}"
+        if self.pose_noise is not None:
+            noise = "{}mm{}deg".format(*self.pose_noise)
+            return f"pose_noise/{stem}_{noise}_filter{self.pose_filter}"
         return f"mask_error/{stem}_{self.mask_error}px" if self.mask_error else f"transfer/{stem}"
 
     @property
@@ -55,6 +65,10 @@ class TransferExperiment:
 
 OBSERVES = ("masked", "no-robot", "full")
 ROBOTS = ("Sawyer", "UR5e", "Panda")
+
+
+POSE_NOISE_MM, POSE_NOISE_DEG = (0, 2, 5, 10), (0, 2, 5)
+POSE_FILTER_STEPS = 8
 
 
 def planner_experiments(seeds: Sequence[int]) -> tuple[PlannerExperiment, ...]:
@@ -97,3 +111,14 @@ def transfer_experiments(seeds: Sequence[int]) -> tuple[TransferExperiment, ...]
         for robot in ROBOTS
     ]
     return tuple(experiments)
+
+
+def pose_noise_experiments(seed: int) -> tuple[TransferExperiment, ...]:
+    """Every size of pose noise on Sawyer with the filter; noise of the position alone also without it."""
+    filtered = [
+        TransferExperiment("Sawyer", seed=seed, pose_noise=(millimetres, degrees), pose_filter=POSE_FILTER_STEPS)
+        for degrees in POSE_NOISE_DEG
+        for millimetres in POSE_NOISE_MM
+    ]
+    as_read = [TransferExperiment("Sawyer", seed=seed, pose_noise=(millimetres, 0)) for millimetres in POSE_NOISE_MM]
+    return (*filtered, *as_read)

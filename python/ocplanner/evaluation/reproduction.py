@@ -73,10 +73,22 @@ def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes
         flags += ["--episodes", str(episodes), "--seed-start", "10000", "--workers", str(workers)]
         if experiment.mask_error:
             flags += ["--mask-error", str(experiment.mask_error)]
+        if experiment.pose_noise is not None:
+            flags += ["--pose-noise", "{},{}".format(*experiment.pose_noise)]
+            flags += ["--pose-filter", str(experiment.pose_filter)]
         run_command(
             ["transfer", "--planner", str(planner), *flags, "--out", str(out)], work / "logs" / f"{experiment.name}.log"
         )
     return experiment.name
+
+
+def transfer_matrix(seed: int, work: Path, results: Path, episodes: int, workers: int) -> Path:
+    """Run every task on every arm with the planners of a training seed, as far as it has not been done."""
+    out = results / "matrix.json"
+    flags = ["--planners", str(results / "planners"), "--planner-seed", str(seed), "--workers", str(workers)]
+    flags += ["--episodes", str(episodes), "--seed-start", "10000", "--out", str(out)]
+    run_command(["transfer", "--matrix", *flags], work / "logs" / "matrix.log")
+    return out
 
 
 def train_all(experiments: Iterable[PlannerExperiment], work: Path, workers: int) -> Iterator[PlannerExperiment]:

@@ -17,35 +17,33 @@ _APART = 0.12
 
 
 def noise_series(records: Iterable[TransferRecord]) -> list[list[TransferRecord]]:
-    """Transfers that differ only in the pose's error, each list by that error; lists of one are left out."""
+    """Transfers that differ only in the noise of the pose and in its filter; lists with one noise are left out."""
     series: dict[tuple[str, ...], list[TransferRecord]] = {}
     for record in records:
         error = record.pose_error
         key = (record.task, record.robot, record.exact_setting, record.planner_sha256, str(error.latency_steps))
         series.setdefault(key, []).append(record)
-    ordered = (
-        sorted(members, key=lambda record: (record.pose_error.rotation_deg, record.pose_error.position_mm))
-        for members in series.values()
-    )
+    ordered = (sorted(members, key=lambda record: record.pose_error.position_mm) for members in series.values())
     return [members for members in ordered if len({record.pose_error for record in members}) > 1]
 
 
 def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
-    """Success rate against position noise, one line a rotation noise, with 95 % Wilson intervals.
+    """Success rate against position noise with 95 % Wilson intervals, a line for each rotation noise and filter.
 
     Args:
         records: one of :func:`noise_series`.
     """
     first = records[0]
-    angles = sorted({record.pose_error.rotation_deg for record in records})
+    lines: dict[tuple[int, float], list[TransferRecord]] = {}
+    for record in records:
+        lines.setdefault((-record.pose_filter, record.pose_error.rotation_deg), []).append(record)
     with styled():
         figure = new_figure(5.2, 3.4)
         axes = figure.subplots()
-        for i, angle in enumerate(angles):
-            line = [record for record in records if record.pose_error.rotation_deg == angle]
+        for i, ((filtered, angle), line) in enumerate(sorted(lines.items())):
             rates = np.array([record.rate for record in line])
             below, above = abs(np.array([record.interval for record in line]).T - rates)
-            millimetres = [record.pose_error.position_mm + _APART * (i - (len(angles) - 1) / 2) for record in line]
+            millimetres = [record.pose_error.position_mm + _APART * (i - (len(lines) - 1) / 2) for record in line]
             axes.errorbar(
                 millimetres,
                 rates,
@@ -54,7 +52,8 @@ def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
                 markersize=4.5,
                 capsize=2.5,
                 color=SERIES[i % len(SERIES)],
-                label=f"rotation noise {angle:g}°",
+                linestyle="-" if filtered < -1 else "--",
+                label=f"rotation noise {angle:g}°, " + (f"mean of {-filtered} steps" if filtered < -1 else "as read"),
             )
         late = first.pose_error.latency_steps
         axes.set(

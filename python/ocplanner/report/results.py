@@ -32,7 +32,8 @@ class TransferRecord:
 
     ``interval`` is the 95 % Wilson interval of the success rate, ``planner_seed`` the training seed of the planner,
     ``mask_error`` the pixels by which masks of the robot were off, ``pose_error`` how wrong the object's pose was that
-    was read, ``foreign_visual`` the visual preset if the planner was trained on another.
+    was read, ``pose_filter`` the control steps over which it was averaged, ``foreign_visual`` the visual preset if the
+    planner was trained on another.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class TransferRecord:
     versions: Mapping[str, str]
     mask_error: int
     pose_error: PoseError
+    pose_filter: int
     planner_seed: int | None
     foreign_visual: str | None
     runs: tuple[EpisodeRecord, ...]
@@ -70,11 +72,12 @@ class TransferRecord:
         noisy, late = error.position_mm or error.rotation_deg, error.latency_steps
         noise = [f"pose noise {error.position_mm:g} mm {error.rotation_deg:g}°"] if noisy else []
         latency = [f"pose {late} steps late"] if late else []
-        return ", ".join([self.exact_setting, *noise, *latency])
+        mean = [f"averaged over {self.pose_filter} steps"] if self.pose_filter > 1 else []
+        return ", ".join([self.exact_setting, *noise, *latency, *mean])
 
     @property
     def exact_setting(self) -> str:
-        """How it was run, but for the error of the object's pose."""
+        """How it was run, but for the error of the object's pose and what was done about it."""
         error = [f"mask {self.mask_error} px off"] if self.mask_error else []
         visual = [f"{self.foreign_visual} visuals"] if self.foreign_visual else []
         return ", ".join([self.follow, self.observe, *error, *visual])
@@ -171,6 +174,7 @@ def _parse(path: Path, content: dict[str, Any]) -> TransferRecord:
             versions={str(name): str(version) for name, version in content.get("versions", {}).items()},
             mask_error=int(content.get("mask_error", 0)),
             pose_error=PoseError(**content.get("pose_error", {})),
+            pose_filter=int(content.get("pose_filter", 1)),
             planner_seed=None if content.get("planner_seed") is None else int(content["planner_seed"]),
             foreign_visual=_foreign_visual(content),
             runs=runs,

@@ -34,6 +34,7 @@ def transfer(
     mask_error: int = 0,
     pose_noise: tuple[float, float] = (0.0, 0.0),
     pose_latency: int = 0,
+    pose_filter: int = 1,
     settings: TransferSettings | None = None,
     workers: int = 1,
     ray: str | None = None,
@@ -61,6 +62,7 @@ def transfer(
         pose_noise: standard deviations of the object's pose that grasping and following read, drawn anew each control
             step: millimetres along each axis, degrees about an axis of any direction. The verdict stays exact.
         pose_latency: control steps by which that pose is late.
+        pose_filter: average what is read over so many control steps, in the hand's frame while it is closed.
         settings: the follower's numbers; ``follow`` overrides theirs.
         workers: processes; the result does not depend on it.
         ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
@@ -92,6 +94,7 @@ def transfer(
         mask_error=mask_error,
         pose_noise=pose_noise,
         pose_latency=pose_latency,
+        pose_filter=pose_filter,
         settings=settings,
     )
     return run_transfer(
@@ -187,6 +190,7 @@ def describe(scenario: Scenario, planner: Planner, command: str = "") -> Transfe
         patches=scenario.patches,
         mask_error=scenario.mask_error,
         pose_error=scenario.pose_error,
+        pose_filter=scenario.pose_filter,
         planner_sha256=planner.sha256,
         planner_seed=planner.config.get("seed"),
         command=command,

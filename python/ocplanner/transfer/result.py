@@ -54,6 +54,7 @@ class TransferResult:
         patches: corrections of the model that were on.
         mask_error: pixels by which masks were wrong.
         pose_error: how wrong the object's pose was that grasping and following read.
+        pose_filter: control steps over which they averaged it, 1 for none.
         planner_sha256: of the planner file.
         planner_seed: training seed of the planner, if known.
         command: remakes this result.
@@ -71,6 +72,7 @@ class TransferResult:
     patches: tuple[str, ...]
     mask_error: int
     pose_error: PoseError
+    pose_filter: int
     planner_sha256: str
     planner_seed: int | None
     command: str
@@ -110,6 +112,7 @@ class TransferResult:
             "patches": list(self.patches),
             "mask_error": self.mask_error,
             "pose_error": asdict(self.pose_error),
+            "pose_filter": self.pose_filter,
             "episodes": self.episodes,
             "successes": self.successes,
             "interval": list(self.interval),
@@ -134,6 +137,7 @@ class TransferResult:
                 **{key: content[key] for key in _PLAIN},
                 patches=tuple(content["patches"]),
                 pose_error=PoseError(**content.get("pose_error", {})),
+                pose_filter=content.get("pose_filter", 1),
                 runs=tuple(Run(**run) for run in content["runs"]),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -149,14 +153,18 @@ class TransferResult:
         """Such as ``square_sawyer_gated_masked_0.json``; names errors and a visual preset that is not the planner's."""
         error = [f"error{self.mask_error}"] if self.mask_error else []
         foreign = [] if self.visual == self.planner_visual else [self.visual]
-        parts = [self.task, self.robot, self.follow, self.observe, *error, *self.pose_error.labels, *foreign]
+        parts = [self.task, self.robot, self.follow, self.observe, *error, *self._sensing, *foreign]
         seed = [] if self.planner_seed is None else [str(self.planner_seed)]
         return "_".join([*parts, *seed]).lower() + ".json"
+
+    @property
+    def _sensing(self) -> tuple[str, ...]:
+        return (*self.pose_error.labels, *([f"filter{self.pose_filter}"] if self.pose_filter > 1 else []))
 
     def __str__(self) -> str:
         """The line that the command prints."""
         low, high = self.interval
-        setting = ", ".join([self.follow, self.observe, *self.pose_error.labels])
+        setting = ", ".join([self.follow, self.observe, *self._sensing])
         lines = f"{self.task} on {self.robot} ({setting}): {self.successes}/{self.episodes}"
         lines += f" succeeded, 95 % interval {low:.2f}-{high:.2f}"
         if self.failures:

@@ -10,9 +10,11 @@ from ocplanner.envs.tasks import task as task_spec
 from ocplanner.envs.visuals import visual_preset
 from ocplanner.errors import InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.planner.planner import Planner
+from ocplanner.transfer.body import Arm
 from ocplanner.transfer.episode import run_episode
 from ocplanner.transfer.mask_error import ErringMask
 from ocplanner.transfer.pose_error import ErringArm, PoseError
+from ocplanner.transfer.pose_filter import FilteredArm
 from ocplanner.transfer.recording import Recorder
 from ocplanner.transfer.result import Run
 from ocplanner.transfer.settings import TransferSettings
@@ -34,6 +36,7 @@ class Scenario:
         control: who runs the control loop.
         mask_error: pixels by which masks are wrong.
         pose_error: how wrong the object's pose is that grasping and following read.
+        pose_filter: control steps over which what is read is averaged, 1 for none.
         settings: the follower's numbers.
         videos: folder of videos, or None.
         filmed: seeds whose episodes are recorded.
@@ -50,6 +53,7 @@ class Scenario:
     control: str = "native"
     mask_error: int = 0
     pose_error: PoseError = field(default_factory=PoseError)
+    pose_filter: int = 1
     settings: TransferSettings = field(default_factory=TransferSettings)
     videos: Path | None = None
     filmed: tuple[int, ...] = ()
@@ -57,6 +61,11 @@ class Scenario:
     def video(self, seed: int) -> Path | None:
         """The file that an episode is recorded to, or None if it is not recorded."""
         return self.videos / f"episode_{seed}.mp4" if self.videos is not None and seed in self.filmed else None
+
+    def sense(self, arm: Arm, seed: int) -> Arm:
+        """What the program senses of the arm in the episode of a seed, and acts through."""
+        erring = ErringArm(arm, self.pose_error, seed)
+        return FilteredArm(erring, self.pose_filter, self.pose_error.latency_steps) if self.pose_filter > 1 else erring
 
     def make(self) -> "Stage":
         """Load the planner and put the robot before its task."""
@@ -92,7 +101,7 @@ class Stage:
             seed,
             scenario.settings,
             observe=sight.observe,
-            sense=partial(ErringArm, error=scenario.pose_error, seed=seed),
+            sense=partial(scenario.sense, seed=seed),
             on_step=recorder,
         )
         if recorder is not None and video is not None:
@@ -118,6 +127,7 @@ def make_scenario(
     mask_error: int = 0,
     pose_noise: tuple[float, float] = (0.0, 0.0),
     pose_latency: int = 0,
+    pose_filter: int = 1,
     settings: TransferSettings | None = None,
 ) -> Scenario:
     """What the planner file says about how it wants to see, checked against what is asked for.
@@ -136,12 +146,14 @@ def make_scenario(
         pose_noise: standard deviations of the object's pose that is read: millimetres along each axis, degrees about
             an axis of any direction; see :class:`ocplanner.transfer.pose_error.PoseError`.
         pose_latency: control steps by which that pose is late.
+        pose_filter: average what is read over so many control steps; see
+            :class:`ocplanner.transfer.pose_filter.FilteredArm`.
         settings: the follower's numbers; ``follow`` overrides theirs.
 
     Raises:
         UnknownNameError: no such robot, task, follow mode, visual preset or control loop.
         MismatchError: the planner was made for another task, object, observation or visual preset.
-        InvalidValueError: an error is negative.
+        InvalidValueError: an error is negative, or ``pose_filter`` not positive.
     """
     config = planner.config
     spec, arm = task_spec(str(config["task"])), robot_spec(robot)
@@ -158,6 +170,8 @@ def make_scenario(
             f"{planner.path} was trained on observe={config['observe']}, not {observe}; "
             f"leave --observe out, or train a planner with --observe {observe}"
         )
+    if pose_filter < 1:
+        raise InvalidValueError(f"pose_filter is {pose_filter} steps, but must be at least 1")
     if mask_error < 0:
         raise InvalidValueError(f"mask_error is {mask_error} pixels, but must not be negative")
     if mask_error and config["observe"] != "masked":
@@ -174,6 +188,7 @@ def make_scenario(
         control=control,
         mask_error=mask_error,
         pose_error=PoseError(*pose_noise, pose_latency),
+        pose_filter=pose_filter,
         settings=replace(settings or TransferSettings(), follow=follow),
     )
 
