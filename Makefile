@@ -15,7 +15,7 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 WORKERS ?= 2
 
-.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format bench bench-kernels fuzz clean
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format docs bench bench-kernels fuzz clean
 
 help: ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -77,6 +77,9 @@ format: setup ## Format the sources and apply the safe lint fixes
 	cargo fmt
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: setup ## The reference of the Python interface, from its docstrings, into dist/reference
+	$(BIN)/python docs/reference.py dist/reference
 
 $(VENV)/.peers: $(VENV)/.dependencies
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --requirement pyproject.toml --extra bench
