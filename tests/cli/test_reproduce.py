@@ -1,6 +1,7 @@
 """``ocplanner reproduce`` with commands that leave what the real ones leave, at once."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from ocplanner.cli import main
 from ocplanner.evaluation import held_out, reproduction
 from ocplanner.evaluation.experiments import planner_experiments
 from ocplanner.storage import atomic_json
+from ocplanner.transfer.matrix import Matrix
+from ocplanner.transfer.pose_error import PoseError
+from ocplanner.transfer.result import Run, TransferResult
 
 NAMES = [experiment.name for experiment in planner_experiments((0,))]
 
@@ -120,6 +124,57 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
     for path in (Path("README.md"), Path("results/README.md")):
         assert "| gated | masked | 1/7 | 1/7 | 1/7 |" in path.read_text()
         assert "| Sawyer | gated | 1/7 | 1/7 | 1/7 | 1/7 |" in path.read_text()
+
+
+@pytest.fixture
+def transfers(monkeypatch, tmp_path):
+    """The transfers that were asked for, each with half its episodes successful."""
+    asked = []
+
+    def run(arguments, log):
+        asked.append(arguments)
+        options = dict(pairwise(arguments))
+        millimetres, degrees = map(float, options.get("--pose-noise", "0,0").split(","))
+        episodes, out = int(options["--episodes"]), Path(options["--out"])
+        runs = tuple(Run(10000 + i, i % 2 == 0, 150, None if i % 2 == 0 else "slip", None) for i in range(episodes))
+        result = TransferResult(
+            "Square", options.get("--robot", "Panda"), "gated", "masked", "fast", "fast", "native", (), 0,
+            PoseError(millimetres, degrees), int(options.get("--pose-filter", 1)), "ab" * 32, 0, "ocplanner", {}, runs,
+        )  # fmt: skip
+        if "--matrix" in arguments:
+            Matrix("ocplanner transfer --matrix", (result, replace(result, robot="IIWA"))).save(out)
+        else:
+            result.save(out)
+
+    monkeypatch.setattr(reproduction, "run_command", run)
+    monkeypatch.chdir(tmp_path)
+    return asked
+
+
+def test_the_matrix_is_remade_with_its_picture_and_table(transfers, capsys):
+    Path("results").mkdir()
+    Path("results/README.md").write_text("<!-- MATRIX -->\n<!-- end MATRIX -->\n")
+    assert main(["reproduce", "matrix", "--workers", "3", "--seeds", "1"]) == 0
+    (arguments,) = transfers
+    options = dict(pairwise(arguments))
+    assert arguments[:2] == ["transfer", "--matrix"]
+    assert (options["--episodes"], options["--workers"], options["--planner-seed"]) == ("50", "3", "1")
+    assert Path("docs/images/matrix.png").exists()
+    assert "| Square | 25/50 (37-63 %) | 25/50 (37-63 %) |" in Path("results/README.md").read_text()
+
+
+def test_pose_noise_is_tried_in_all_sizes_plotted_and_not_done_again(transfers):
+    Path("results").mkdir()
+    Path("results/README.md").write_text("<!-- POSENOISE -->\n<!-- end POSENOISE -->\n")
+    assert main(["reproduce", "pose-noise", "--episodes", "4"]) == 0
+    asked = {(options["--pose-noise"], options["--pose-filter"]) for options in map(dict, map(pairwise, transfers))}
+    assert len(asked) == len(transfers) == 16
+    assert ("10,5", "8") in asked
+    assert Path("docs/images/pose_noise.png").exists()
+    assert "| 8 steps | 5° | 1/2 | 1/2 | 1/2 | 1/2 |" in Path("results/README.md").read_text()
+    transfers.clear()
+    assert main(["reproduce", "pose-noise", "--episodes", "4"]) == 0
+    assert transfers == []
 
 
 @pytest.fixture

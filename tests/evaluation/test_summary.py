@@ -5,7 +5,15 @@ import json
 import pytest
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation.summary import NOTHING, held_out_table, mask_error_table, transfer_table
+from ocplanner.evaluation.summary import (
+    NOTHING,
+    failure_table,
+    held_out_table,
+    mask_error_table,
+    matrix_table,
+    pose_noise_table,
+    transfer_table,
+)
 
 
 def write_result(folder, name, successes, **changes):
@@ -63,3 +71,45 @@ def test_a_damaged_result_is_named(tmp_path, text, message) -> None:
     (tmp_path / "square.json").write_text(text)
     with pytest.raises(ResultFileError, match=message):
         transfer_table(tmp_path)
+
+
+def test_the_matrix_has_a_row_a_task_and_its_failures_a_row_a_cell(tmp_path) -> None:
+    path = tmp_path / "matrix.json"
+    assert matrix_table(path) == failure_table(path) == NOTHING
+    cell = {"task": "Lift", "robot": "Panda", "successes": 9, "episodes": 10, "interval": [0.596, 0.982]}
+    cells = [
+        {**cell, "failures": {}},
+        {**cell, "robot": "Jaco", "successes": 0, "failures": {"slip": 3, "missed grasp": 7}},
+        {**cell, "task": "Can", "failures": {"slip": 1}},
+    ]
+    path.write_text(json.dumps({"command": "", "cells": cells}))
+    assert matrix_table(path).splitlines() == [
+        "| task | Panda | Jaco |",
+        "| --- | --- | --- |",
+        "| Lift | 9/10 (60-98 %) | 0/10 (60-98 %) |",
+        "| Can | 9/10 (60-98 %) |  |",
+    ]
+    assert failure_table(path).splitlines() == [
+        "| task | robot | missed grasp | slip |",
+        "| --- | --- | --- | --- |",
+        "| Lift | Jaco | 7 | 3 |",
+        "| Can | Panda |  | 1 |",
+    ]
+    path.write_text("{")
+    with pytest.raises(ResultFileError, match="cannot read"):
+        matrix_table(path)
+
+
+def test_pose_noise_is_shown_by_filter_rotation_and_position(tmp_path) -> None:
+    assert pose_noise_table(tmp_path) == NOTHING
+    for millimetres, degrees, steps, successes in ((10, 0, 8, 7), (2, 0, 8, 9), (2, 5, 8, 8), (2, 0, 1, 3)):
+        error = {"position_mm": millimetres, "rotation_deg": degrees, "latency_steps": 0}
+        name = f"{millimetres}_{degrees}_{steps}"
+        write_result(tmp_path, name, successes, pose_error=error, pose_filter=steps)
+    assert pose_noise_table(tmp_path).splitlines() == [
+        "| averaged over | rotation noise | 2 mm | 10 mm |",
+        "| --- | --- | --- | --- |",
+        "| 8 steps | 0° | 9/10 | 7/10 |",
+        "| 8 steps | 5° | 8/10 |  |",
+        "| none | 0° | 3/10 |  |",
+    ]

@@ -6,7 +6,16 @@ from pathlib import Path
 from ocplanner.errors import ResultFileError
 from ocplanner.evaluation.paper_comparison import comparison_table
 from ocplanner.evaluation.policy_tables import TABLES
-from ocplanner.evaluation.summary import encoder_table, held_out_table, mask_error_table, policy_table, transfer_table
+from ocplanner.evaluation.summary import (
+    encoder_table,
+    failure_table,
+    held_out_table,
+    mask_error_table,
+    matrix_table,
+    policy_table,
+    pose_noise_table,
+    transfer_table,
+)
 from ocplanner.storage import atomic_write
 
 
@@ -15,7 +24,8 @@ def write_tables(results: Path) -> list[Path]:
 
     ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
     demonstrations, ``ENCODERS`` those of the encoders that were tried, ``TABLE1`` and ``TABLE2`` the
-    success rates of policies, ``PAPER`` every rate that the paper states beside ours.
+    success rates of policies, ``MATRIX`` every task on every arm and ``MATRIXFAILURES`` how episodes of it failed,
+    ``POSENOISE`` success with poses that are wrong, ``PAPER`` every rate that the paper states beside ours.
 
     Returns:
         The files that have such tables, changed or not.
@@ -27,6 +37,9 @@ def write_tables(results: Path) -> list[Path]:
     tables = {
         "TABLE": transfer_table(results / "transfer"),
         "MASKERROR": mask_error_table(results / "mask_error", results / "transfer"),
+        "MATRIX": matrix_table(results / "matrix.json"),
+        "MATRIXFAILURES": failure_table(results / "matrix.json"),
+        "POSENOISE": pose_noise_table(results / "pose_noise"),
         "HELDOUT": held_out_table(results),
         "ENCODERS": encoder_table(results),
         "PAPER": comparison_table(results),

@@ -54,6 +54,52 @@ def mask_error_table(folder: Path, perfect: Path) -> str:
     return _table(("robot", "follow"), [f"{number} px" for number in pixels], texts)
 
 
+def matrix_table(path: Path) -> str:
+    """Successes and 95 % intervals of a ``matrix.json``, one row a task, one column a robot.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    cells: dict[tuple[str, ...], dict[str, str]] = defaultdict(dict)
+    for cell in _load(path)["cells"] if path.exists() else []:
+        low, high = (100 * bound for bound in cell["interval"])
+        text = f"{cell['successes']}/{cell['episodes']} ({low:.0f}-{high:.0f} %)"
+        cells[(cell["task"],)][cell["robot"]] = text
+    robots = list(dict.fromkeys(robot for row in cells.values() for robot in row))
+    return _table(("task",), robots, cells)
+
+
+def failure_table(path: Path) -> str:
+    """Failed episodes of a ``matrix.json`` by class, one row a cell that has any.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    cells = [cell for cell in (_load(path)["cells"] if path.exists() else []) if cell["failures"]]
+    classes = sorted({name for cell in cells for name in cell["failures"]})
+    rows = {
+        (cell["task"], cell["robot"]): {name: str(count) for name, count in cell["failures"].items()} for cell in cells
+    }
+    return _table(("task", "robot"), classes, rows)
+
+
+def pose_noise_table(folder: Path) -> str:
+    """Successes with poses that are wrong, one row a filter and a rotation noise, one column a position noise.
+
+    Raises:
+        ResultFileError: a file is damaged.
+    """
+
+    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
+        steps = result["pose_filter"]
+        return f"{steps} steps" if steps > 1 else "none", f"{result['pose_error']['rotation_deg']:g}°"
+
+    results = _read(folder)
+    cells = _cells(results, setting, lambda result: f"{result['pose_error']['position_mm']:g} mm")
+    sizes = sorted({result["pose_error"]["position_mm"] for result in results})
+    return _table(("averaged over", "rotation noise"), [f"{size:g} mm" for size in sizes], dict(sorted(cells.items())))
+
+
 def held_out_table(results: Path) -> str:
     """The errors in ``heldout.json`` of each planner before and after fine-tuning, seen on the recorded robot.
 
@@ -135,6 +181,13 @@ def _errors(row: Mapping[str, Any]) -> list[str]:
         f"{row['rotation_deg']:.1f} ({row['rotation_median_deg']:.1f})" if posed else "",
         f"{row['yaw_wrong_percent']:.1f} %" if posed else "",
     ]
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultFileError(f"cannot read {path}: {error}; run its command again") from error
 
 
 def _read(folder: Path) -> list[dict[str, Any]]:

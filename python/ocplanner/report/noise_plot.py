@@ -42,12 +42,12 @@ def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
         axes = figure.subplots()
         for i, ((filtered, angle), line) in enumerate(sorted(lines.items())):
             rates = np.array([record.rate for record in line])
-            below, above = abs(np.array([record.interval for record in line]).T - rates)
+            margins = abs(np.array([record.interval for record in line]).T - rates)
             millimetres = [record.pose_error.position_mm + _APART * (i - (len(lines) - 1) / 2) for record in line]
             axes.errorbar(
                 millimetres,
                 rates,
-                yerr=(below, above),
+                yerr=margins,
                 marker="o",
                 markersize=4.5,
                 capsize=2.5,
