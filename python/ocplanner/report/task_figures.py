@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from ocplanner.envs import make_env
 from ocplanner.envs.tasks import Task
 from ocplanner.errors import InvalidValueError
+from ocplanner.pose import Pose
 from ocplanner.report.overlays import film_strip
-from ocplanner.transfer.grasp import choose_grasp
 
 _SETTLING_STEPS = 10  # dropped objects come to rest
 
@@ -24,10 +24,10 @@ def grasps_figure(
     size: int = 384,
     columns: int = 4,
 ) -> Figure:
-    """Each arm with its open hand at the grasp that a transfer would choose, in the first state of an episode.
+    """Each arm with its open hand at the grasp that it reaches best, once the object has come to rest.
 
-    Above each picture: how far from the grasp inverse kinematics gets. More than a few millimetres mean that the grasp
-    frame, or the object's place, is out of that arm's reach.
+    Above each picture: that grasp, and how far from it inverse kinematics gets. More than a few millimetres mean that
+    all grasp frames, or the object's place, are out of that arm's reach.
 
     Args:
         task: a task or its name.
@@ -52,9 +52,13 @@ def grasps_figure(
             rest[-1] = -1.0
             for _ in range(_SETTLING_STEPS):
                 env.step(rest)
-            pose = env.object_pose()
-            grasp = choose_grasp(env.task.object(), env.robot, pose, env.eef_pose().rotation)
-            error = env.place_eef(pose @ grasp, opening)
+            site = Pose(np.zeros(3), env.robot.rotation_grasp_site)
+            grasps = {
+                grasp.name: env.object_pose() @ grasp.pose_object_eef @ site for grasp in env.task.object().grasps
+            }
+            errors = {name: env.place_eef(pose, opening) for name, pose in grasps.items()}
+            best = min(errors, key=lambda name: round(errors[name], 3))
+            error = env.place_eef(grasps[best], opening)
             pictures.append(env.render(camera, size, size))
-            titles.append(f"{robot}: {1000 * error:.0f} mm off the grasp")
+            titles.append(f"{robot}: {best}, {1000 * error:.0f} mm off")
     return film_strip(pictures, count=len(pictures), columns=columns, titles=titles)
