@@ -14,8 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 WORKERS ?= 2
+WHEEL_MACHINES := x86_64 $(shell rustup target list --installed 2>/dev/null | sed -n 's/^aarch64-unknown-linux-gnu$$/aarch64/p')
 
-.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs lint format docs bench bench-kernels fuzz clean
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs test-wheel test-oldest wheel faults lint format docs bench bench-kernels fuzz clean
 
 help: ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -45,7 +46,7 @@ setup: system-libraries $(VENV)/.package ## Create .venv and build and install t
 demo: setup ## The whole job on a fresh machine: collect, train, transfer, report
 	$(BIN)/ocplanner demo
 
-test: setup test-rust test-python test-stubs test-notebooks ## Every test
+test: setup test-rust test-python test-stubs test-wheel test-notebooks ## Every test
 
 test-rust: ## Rust unit, property and doc tests
 	@if cargo nextest --version >/dev/null 2>&1; then \
@@ -65,6 +66,33 @@ test-stubs: setup ## The hand-written _core.pyi against the built module
 test-notebooks: setup ## Run the notebooks on tiny data
 	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	  OCPLANNER_NOTEBOOK_TINY=1 OCPLANNER_NOTEBOOK_DATA=$$folder $(BIN)/pytest --nbmake --nbmake-timeout=600 notebooks
+
+# Cheap: the release build is there already, and uv links packages from its cache.
+target/wheels/newest: $(VENV)/.package $(shell find python -name '*.py' -o -name '*.j2') README.md
+	rm -rf target/wheels
+	$(BIN)/maturin build --release --quiet --out target/wheels
+	ln -s "$$(basename target/wheels/*.whl)" $@
+
+test-wheel: target/wheels/newest ## The wheel in an empty environment: the README's Python example runs
+	$(BIN)/python tests/packaging/try_wheel.py "$$(realpath $<)"
+
+test-oldest: target/wheels/newest ## The same with the oldest dependencies that pyproject.toml allows (downloads an old torch)
+	$(BIN)/python tests/packaging/try_wheel.py "$$(realpath $<)" --oldest
+
+$(VENV)/.zig: $(VENV)/.dependencies
+	$(BIN)/uv pip install --quiet --python $(BIN)/python 'ziglang>=0.13,<1'
+	@touch $@
+
+# zig links against the glibc of 2014, whatever this machine has.
+wheel: setup $(VENV)/.zig ## The sdist, and wheels for Linux since 2014: x86-64, and aarch64 if rustup has that target; into dist
+	rm -rf dist
+	$(BIN)/maturin sdist --out dist
+	for machine in $(WHEEL_MACHINES); do \
+	  $(BIN)/maturin build --release --zig --compatibility manylinux2014 --target $$machine-unknown-linux-gnu --out dist || exit 1; \
+	done
+
+faults: setup ## Kill, fill and damage every verb some thousand times (half an hour and more); writes results/faults.json
+	$(BIN)/python tests/faults/inject.py --output results/faults.json
 
 lint: setup ## Formatting, lints and types, without changing anything
 	cargo fmt --check

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import yaml
+from PIL import Image
 from safetensors import safe_open
 
 _TIMES = ("seconds", "steps_per_second", "sha256")
@@ -46,6 +47,8 @@ def _whole(path: Path) -> bool:
                 for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
                     if line.endswith("\n"):
                         json.loads(line)
+            case ".png":
+                Image.open(path).load()
             case ".html":
                 return path.read_text(encoding="utf-8").rstrip().endswith("</html>")
     except _UNREADABLE:
@@ -53,13 +56,13 @@ def _whole(path: Path) -> bool:
     return True
 
 
-def progress(folder: Path, output: str) -> float:
+def progress(folder: Path) -> float:
     """How much is safe: demonstrations, episodes or training steps; never less than before, whatever happened."""
-    if (folder / output).exists():
-        return float("inf")
     done = len(list(folder.glob("*.parts/*.hdf5")))
-    for journal in folder.glob("*.journal"):
-        done += journal.read_bytes().count(b"\n")
+    for journal in folder.rglob("*.journal"):
+        done += journal.read_bytes().count(b"\n") - 1
+    for cell in folder.glob("*/*.json"):
+        done += len(json.loads(cell.read_text(encoding="utf-8"))["runs"])
     for checkpoint in folder.glob("*/checkpoints/latest.safetensors"):
         facts = _tensors(checkpoint)[1]
         done += 1000 * _STAGES.index(facts.get("stage", "train")) + facts["step"]

@@ -6,16 +6,17 @@ A verb that was killed is started again until it is through. After each kill no 
 nothing that was safe may be gone; at the end the folder must equal that of an undisturbed run, hidden files included:
 byte for byte, or array for array where ``compared`` says so. Times in ``metrics.jsonl``, checkpoints and reports do
 not count, nor TensorBoard's files. Trainings write checkpoints more often than the command line would. The faults and
-what each must end in: ``interruptions.py`` and ``damage.py``.
+what each must end in: ``interruptions.py`` and ``damage.py``. ``--verbs``, ``--faults`` and ``--tries`` choose a part;
+rows of other parts stay in the output.
 """
 
 import argparse
+import json
 import os
 import shlex
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import damage
 import interruptions
 from bench import Bench
-from machine import machine_and_load
+from machine import machine
 from process import load_everything
 from rows import Row
 from verbs import HDF5_READERS, PLANNER_READERS, POLICY_READERS, WRITERS, Material, Verb
@@ -78,7 +79,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Inject, write the rows, and say whether all is well."""
     options = parse(arguments)
     load_everything()
-    started = time.monotonic()
     rows: list[Row] = []
     benches: dict[Verb, Bench] = {}
     folder = Path(
@@ -98,27 +98,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 fault.inject(bench, row, options.tries or fault.tries)
                 rows.append(row)
                 print(row, *row.notes, sep="\n    ", flush=True)  # noqa: T201
-                _write(options, time.monotonic() - started, rows)
+                _write(options.output, options.seed, rows)
     finally:
         shutil.rmtree(folder)
     return int(any(row.lost or row.unclear for row in rows))
 
 
-def _write(options: argparse.Namespace, seconds: float, rows: Sequence[Row]) -> None:
-    """The rows so far, so that a run that is stopped leaves what it found."""
-    chosen = {"--verbs": options.verbs if options.verbs != VERBS else (), "--faults": options.faults or ()}
-    flags = [word for flag, words in chosen.items() if words for word in (flag, *words)]
-    flags += ["--tries", str(options.tries)] if options.tries else []
-    command = ["python", "tests/faults/inject.py", *flags, "--seed", str(options.seed)]
+def _write(output: Path, seed: int, rows: Sequence[Row]) -> None:
+    """Put these rows in place of those of the same verbs and faults, so that a run can be stopped or done in parts."""
+    records = [row.record() for row in rows]
+    fresh = {(record["verb"], record["fault"]) for record in records}
+    kept = json.loads(output.read_text(encoding="utf-8"))["rows"] if output.exists() else []
     atomic_json(
-        options.output,
+        output,
         {
-            "command": shlex.join([*command, "--output", "results/faults.json"]),
-            "machine": machine_and_load(),
-            "minutes": round(seconds / 60, 1),
-            "seed": options.seed,
+            "command": shlex.join(["python", "tests/faults/inject.py", "--seed", str(seed), "--output", str(output)]),
+            "machine": machine(),
+            "seed": seed,
             "versions": installed(),
-            "rows": [row.record() for row in rows],
+            "rows": [record for record in kept if (record["verb"], record["fault"]) not in fresh] + records,
         },
     )
 

@@ -51,5 +51,5 @@ class Row:
 
     def __str__(self) -> str:
         """One line."""
-        text = f"{self.verb:14} {self.fault:32} tries {self.tries:4}  lost {self.lost:3}  unclear {self.unclear:3}"
+        text = f"{self.verb:17} {self.fault:32} tries {self.tries:4}  lost {self.lost:3}  unclear {self.unclear:3}"
         return text + (f"  skipped: {self.skipped}" if self.skipped else "")

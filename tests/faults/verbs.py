@@ -57,21 +57,23 @@ class Verb:
     """One verb with its flags.
 
     Attributes:
-        name: as on the command line.
+        name: as on the command line, perhaps with a flag for people.
         output: the last file that it writes, in the folder where it works; None: it writes nothing.
         arguments: from its inputs by kind, and the output.
         reads: the inputs by kind: names of :class:`Material`.
+        grows: whether the output is there, and whole, before all is done.
     """
 
     name: str
     output: str | None
     arguments: Callable[[dict[str, Path], Path], list[str]]
     reads: tuple[str, ...] = ()
+    grows: bool = False
 
     def command(self, material: Material, work: Path, **instead: Path) -> list[str]:
         """The verb and its flags, with other inputs where ``instead`` names them."""
         inputs = {kind: instead.get(kind) or getattr(material, kind) for kind in self.reads}
-        return [self.name, *self.arguments(inputs, work / (self.output or ""))]
+        return [self.name.split()[0], *self.arguments(inputs, work / (self.output or ""))]
 
 
 def _collect(_: dict[str, Path], out: Path) -> list[str]:
@@ -101,6 +103,11 @@ def _transfer(inputs: dict[str, Path], out: Path) -> list[str]:
     return ["--planner", str(inputs["planner"]), "--robot", "Sawyer", "--episodes", "3", "--out", str(out)]
 
 
+def _matrix(inputs: dict[str, Path], out: Path) -> list[str]:
+    planners, robots = ["--planners", str(inputs["planner"])], ["--robots", "Sawyer", "UR5e"]
+    return ["--matrix", *planners, *robots, "--episodes", "2", "--out", str(out)]
+
+
 def _info(inputs: dict[str, Path], _: Path) -> list[str]:
     return [str(next(iter(inputs.values()))), "--all"]
 
@@ -115,8 +122,9 @@ LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"))
 TRAIN_PLANNER = Verb("train-planner", "run/report.html", _train_planner, ("rendered",))
 TRAIN_POLICY = Verb("train-policy", "run/policy.safetensors", _train_policy, ("collected",))
 TRANSFER = Verb("transfer", "out.json", _transfer, ("planner",))
+MATRIX = Verb("transfer --matrix", "out.json", _matrix, ("planner",), grows=True)
 
-WRITERS = (TRAIN_POLICY, LABEL, TRAIN_PLANNER, COLLECT, TRANSFER, RENDER)
+WRITERS = (TRAIN_POLICY, LABEL, TRAIN_PLANNER, COLLECT, TRANSFER, RENDER, MATRIX)
 HDF5_READERS = (Verb("info", None, _info, ("rendered",)), LABEL, TRAIN_PLANNER, TRAIN_POLICY, RENDER)
 PLANNER_READERS = (Verb("info", None, _info, ("planner",)), LABEL, TRANSFER)
 POLICY_READERS = (Verb("info", None, _info, ("policy",)), Verb("evaluate", "out.json", _evaluate, ("policy",)))

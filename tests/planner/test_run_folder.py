@@ -71,3 +71,16 @@ def test_a_damaged_configuration_is_named(tmp_path, content):
     with pytest.raises(TrainingError, match=r"config\.yaml is damaged \(.*\); remove the run folder"):
         RunFolder(tmp_path).claim({"seed": 0})
     assert (tmp_path / "config.yaml").read_bytes() == content
+
+
+def test_rows_stay_only_with_a_checkpoint(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.record({"stage": "vae", "step": 3, "loss": 0.5})
+    folder.close()
+    folder.claim({"seed": 0})
+    assert folder.rows() == []
+    folder.record({"stage": "vae", "step": 3, "loss": 0.5})
+    folder.close()
+    folder.save("latest", TENSORS, FACTS)
+    folder.claim({"seed": 0})
+    assert len(folder.rows()) == 1

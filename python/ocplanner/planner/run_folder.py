@@ -37,7 +37,7 @@ class RunFolder:
         self._board: SummaryWriter | None = None
 
     def claim(self, settings: Mapping[str, Any]) -> None:
-        """Write ``config.yaml``, or check that the one there says the same.
+        """Write ``config.yaml``, or check that the one there says the same; without a checkpoint drop the metrics.
 
         Raises:
             TrainingError: the folder belongs to a training with other settings or data.
@@ -60,6 +60,8 @@ class RunFolder:
                 )
         with atomic_write(path) as temporary:
             temporary.write_text(yaml.safe_dump(dict(settings), sort_keys=False), encoding="utf-8")
+        if not self._checkpoint("latest").exists():  # training begins anew: rows of a killed one would stand twice
+            (self.path / "metrics.jsonl").unlink(missing_ok=True)
 
     # -- checkpoints -----------------------------------------------------------------------------------------------
 
