@@ -1,5 +1,6 @@
 """``ocplanner view``."""
 
+import contextlib
 import sys
 import threading
 from dataclasses import dataclass
@@ -18,12 +19,12 @@ if TYPE_CHECKING:
 class View:
     """Show a zero-shot episode in three dimensions, in the browser: robot, objects, planned and achieved path, time.
 
-    Of a planner file an episode is run; of a result of `ocplanner transfer` one of its episodes is run again, and a note
-    says if it does not come out as it did then. Needs viser: pip install 'ocplanner[viewer]'. Ctrl-C ends it.
+    Of a planner file an episode is run; of a result of `ocplanner transfer` one of its episodes is run again, and a
+    note says if it does not come out as it did then. Needs viser: pip install 'ocplanner[viewer]'. Ctrl-C ends it.
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="PLANNER-or-RESULT")]
-    """Planner file (.safetensors), or result file of `ocplanner transfer` (.json)."""
+    """Planner file (.safetensors) or the run folder that it is in, or result file of `ocplanner transfer` (.json)."""
     planner: Path | None = None
     """The planner file of a result. Default: the one that the result's command names, from here."""
     seed: int | None = None
@@ -39,13 +40,15 @@ class View:
 
     def run(self) -> None:
         """Record the episode, say where it is shown, and serve until interrupted."""
-        from ocplanner.report.viewer import Viewer
+        from ocplanner.report.viewer import Viewer, load_viser
 
+        load_viser()  # before an episode is run in vain
         playback = self.playback()
         with Viewer(playback, self.host, self.port) as viewer:
             sys.stdout.write(f"{playback.title}: {playback.outcome}\n{viewer.address} (Ctrl-C ends it)\n")
             sys.stdout.flush()
-            threading.Event().wait()
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
 
     def playback(self) -> "Playback":
         """The episode to show.
@@ -60,7 +63,8 @@ class View:
 
         if self.source.suffix != ".json":
             seed = 10000 if self.seed is None else self.seed
-            return record_playback(Planner.load(self.source), self.robot, seed, follow=self.follow)
+            file = self.source / "planner.safetensors" if self.source.is_dir() else self.source
+            return record_playback(Planner.load(file), self.robot, seed, follow=self.follow)
         return self._again()
 
     def _again(self) -> "Playback":
@@ -68,7 +72,9 @@ class View:
         from ocplanner.report.results import read_results
         from ocplanner.report.viewer import record_playback
 
-        record = read_results(self.source)[0]
+        record, *others = read_results(self.source)
+        if others:
+            raise ResultFileError(f"{self.source} holds {1 + len(others)} results; give a file with one")
         words = record.command.split()
         named = words[words.index("--planner") + 1] if "--planner" in words[:-1] else None
         if self.planner is None and named is None:

@@ -36,10 +36,7 @@ class Viewer:
     """
 
     def __init__(self, playback: Playback, host: str = "127.0.0.1", port: int = 8080) -> None:
-        try:
-            viser: Any = importlib.import_module("viser")
-        except ModuleNotFoundError as error:
-            raise VersionError("viser is not installed; run: pip install 'ocplanner[viewer]'") from error
+        viser = load_viser()
         port = _free_port(host, port)
         self._playback, self.step = playback, 0
         self.server = viser.ViserServer(host=host, port=port, verbose=False)
@@ -118,6 +115,18 @@ class Viewer:
         """Who ticks ``play`` at the end wants to see it from the beginning."""
         if self.playing.value and self.slider.value == len(self._playback) - 1:
             self.slider.value = 0
+
+
+def load_viser() -> Any:
+    """The module ``viser``.
+
+    Raises:
+        VersionError: it is not installed.
+    """
+    try:
+        return importlib.import_module("viser")
+    except ModuleNotFoundError as error:
+        raise VersionError("viser is not installed; run: pip install 'ocplanner[viewer]'") from error
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
