@@ -145,3 +145,35 @@ def test_settings_are_checked():
         TransferSettings(gain=0.0)
     with pytest.raises(InvalidValueError, match="replan_steps"):
         TransferSettings(following=FollowSettings(replan_steps=0))
+
+
+class Carried(Floating):
+    """The hand turns with the object."""
+
+    def read(self) -> Reading:
+        return Reading(self.pose, self.pose @ Pose(np.array([0.0, 0.06, 0.0]), np.eye(3)), 0.03)
+
+
+class ShortArm:
+    """A robot whose hand does not get beyond a plane in x."""
+
+    def __init__(self, farthest: float) -> None:
+        self.farthest = farthest
+
+    def outward(self, position: np.ndarray) -> np.ndarray:
+        return np.array([1.0, 0.0, 0.0])
+
+    def miss(self, pose: Pose) -> float:
+        return max(0.0, float(pose.position[0]) - self.farthest)
+
+    def wrist_room(self, pose: Pose, turn: float) -> float:
+        return 1.0
+
+
+@pytest.mark.parametrize(("farthest", "turned"), [(1.0, False), (PEG[0] - 0.03, True)])
+def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned):
+    floating = Carried()
+    follower = Follower(TransferSettings(), 4, floating.read(), ShortArm(farthest))
+    phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
+    assert phases[-1] == "release"
+    assert (floating.read().eef.position[0] < floating.pose.position[0] - 0.05) == turned

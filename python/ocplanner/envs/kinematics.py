@@ -1,6 +1,6 @@
 """Inverse kinematics of an arm's end-effector site: damped least squares from several starts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ ROTATION_WEIGHT_M = 0.1
 """How many metres of position error one radian of rotation error counts for."""
 RESERVE_M = 0.02
 """Reach that must be left at a pose for the arm to be able to move there."""
+RESERVE_RAD = 0.05
+"""Distance from the joints' limits that must be left at a pose."""
 
 
 @dataclass(frozen=True)
@@ -106,23 +108,46 @@ class Reach:
     """
 
     def __init__(self, model: Any, data: Any, arm: ArmJoints) -> None:
-        self._model, self._data, self._arm = model, data, arm
+        self._model, self._data = model, data
+        self._arm = replace(arm, lower=arm.lower + RESERVE_RAD, upper=arm.upper - RESERVE_RAD)
         self._scratch = mujoco.MjData(model)
         self._first = int(model.dof_jntid[arm.dofs[0]])
 
-    def miss(self, target: Pose) -> float:
-        """The error that is left at a pose of the end-effector site (world frame), metres, a radian counted as 0.1 m.
-
-        The pose is first pushed outward by :data:`RESERVE_M`: with the elbow all but straight an arm is there, and
-        cannot move. Only the present posture is a start: a controller that goes straight gets to no other solution.
-        """
-        outward = target.position - self._data.xanchor[self._first]
+    def outward(self, position: np.ndarray) -> np.ndarray:
+        """(3,) horizontal unit vector from the arm's first joint to a position in the world."""
+        outward = position - self._data.xanchor[self._first]
         outward[2] = 0.0
-        outward *= RESERVE_M / max(float(np.linalg.norm(outward)), RESERVE_M)
-        beyond = Pose(target.position + outward, target.rotation)
+        return outward / max(float(np.linalg.norm(outward)), RESERVE_M)
+
+    def miss(self, pose: Pose) -> float:
+        """The error that is left when the end-effector site is led to a pose of the world frame.
+
+        The pose is pushed outward by :data:`RESERVE_M`, and the joints' limits are drawn in by :data:`RESERVE_RAD`: an
+        arm whose elbow is all but straight or that has come to a limit is there, and cannot move. Only the present
+        posture is a start: a controller gets to no other solution.
+
+        Returns:
+            The error in metres, a radian counted as 0.1 m.
+        """
+        return self._go(Pose(pose.position + RESERVE_M * self.outward(pose.position), pose.rotation))
+
+    def wrist_room(self, pose: Pose, turn: float) -> float:
+        """How far the last joint is within its limits, radians, after turning a hand that points down.
+
+        Args:
+            pose: of the end-effector site before the turn, world frame.
+            turn: about the world's z, radians.
+        """
+        self._go(pose)
+        last = self._arm.qpos[-1]
+        axis = self._scratch.xaxis[self._model.dof_jntid[self._arm.dofs[-1]]]
+        turned = float(self._scratch.qpos[last] + np.sign(axis[2]) * turn)
+        return min(turned - float(self._arm.lower[-1]), float(self._arm.upper[-1]) - turned)
+
+    def _go(self, pose: Pose) -> float:
         self._scratch.qpos[:] = self._data.qpos
         start = self._data.qpos[self._arm.qpos].copy()
-        return reach(self._model, self._scratch, self._arm, beyond, [start], _CLOSE_POSITION_M)
+        return reach(self._model, self._scratch, self._arm, pose, [start], _CLOSE_POSITION_M)
 
 
 def _descend(model: Any, data: Any, arm: ArmJoints, target: Pose, start: np.ndarray) -> tuple[np.ndarray, float]:

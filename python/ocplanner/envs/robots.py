@@ -18,6 +18,8 @@ class RobotSpec:
         stroke_steps: control steps (20 Hz) from fully open to fully closed.
         lean: angle by which the hand tilts away from an object that it holds beside its middle, radians. It brings the
             wrist of an arm with a short reach nearer to the base: 0.3 rad gains 4 to 7 cm.
+        inward: whether the arm reaches the far end of its table only with the hand on its own side of an object that it
+            holds beside its middle, and has a wrist with limits: grasps are chosen that leave room for that turn.
         patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
     """
 
@@ -25,6 +27,7 @@ class RobotSpec:
     closing_axis: Literal["x", "y"] = "x"
     stroke_steps: int = 20
     lean: float = 0.0
+    inward: bool = False
     patches: tuple[str, ...] = ()
 
     @property
@@ -41,7 +44,7 @@ ROBOTS = {
         RobotSpec("Panda"),
         RobotSpec("Sawyer", patches=("sawyer-base-contact",)),
         RobotSpec("UR5e"),
-        RobotSpec("IIWA"),
+        RobotSpec("IIWA", inward=True),
         RobotSpec("Kinova3", lean=0.3),
         RobotSpec("Jaco", stroke_steps=200, lean=0.3),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),

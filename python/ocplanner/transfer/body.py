@@ -23,6 +23,14 @@ class Arm(Protocol):
     def gripper_opening(self) -> float: ...  # noqa: D102
 
 
+class Foresight(Protocol):
+    """What an arm knows of its own reach, such as :class:`ocplanner.envs.kinematics.Reach`."""
+
+    def outward(self, position: np.ndarray) -> np.ndarray: ...  # noqa: D102
+    def miss(self, pose: Pose) -> float: ...  # noqa: D102
+    def wrist_room(self, pose: Pose, turn: float) -> float: ...  # noqa: D102
+
+
 def raised(pose: Pose, height: float) -> Pose:
     """The pose moved up, metres."""
     return Pose(pose.position + np.array([0.0, 0.0, height]), pose.rotation)

@@ -135,7 +135,7 @@ class _Program:
         spec = self.env.task.object()
         for _ in range(self.settings.grasp.tries):
             self.phase, self.lost = "grasp", False
-            grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp)
+            grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp, self.reach)
             if grip_point is not None:
                 self.held_once = True
                 if self._follow(grip_point, spec):
@@ -153,7 +153,7 @@ class _Program:
     def _follow(self, grip_point: np.ndarray, spec: ObjectSpec) -> bool:
         """True once the follower decides that the plans are fulfilled, False if the object was lost."""
         now = self.grip = self.body.read()
-        self.follower = follower = Follower(self.settings, spec.yaw_fold, now, self.reach.miss, let_go=spec.let_go)
+        self.follower = follower = Follower(self.settings, spec.yaw_fold, now, self.reach, let_go=spec.let_go)
         step = 0
         while True:
             if step % self.settings.following.replan_steps == 0:

@@ -4,14 +4,13 @@ Decisions rest on the plans, the object's pose and where the hand holds it: no p
 """
 
 from collections import deque
-from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ocplanner import _core
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import Reading, raised
+from ocplanner.transfer.body import Foresight, Reading, raised
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between, equivalents, mean_rotation, nearest_equivalent
 
@@ -26,7 +25,7 @@ _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
 class Command(NamedTuple):
-    """Where the object should go now, and why; ``release`` means let go, ``keep`` that it is there and stays in hand."""
+    """Where the object should go now, and why; ``release``: let go; ``keep``: it is there and stays in the hand."""
 
     target: Pose
     phase: Phase
@@ -40,8 +39,7 @@ class Follower:
         yaw_fold: symmetry of the goal, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         start: what is sensed when the object has just been taken.
         let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
-        miss: foretells by how much the hand would miss a pose (world frame), metres; see
-            :meth:`ocplanner.envs.kinematics.Reach.miss`. Without it every pose counts as reachable.
+        reach: where the arm gets to; without it every pose counts as reachable.
     """
 
     def __init__(
@@ -49,7 +47,7 @@ class Follower:
         settings: TransferSettings,
         yaw_fold: int,
         start: Reading,
-        miss: Callable[[Pose], float] | None = None,
+        reach: Foresight | None = None,
         *,
         let_go: bool = True,
     ) -> None:
@@ -60,7 +58,7 @@ class Follower:
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
         )
-        self._miss = miss
+        self._reach = reach
         self._turned: np.ndarray | None = None
         self._start = start.object
         self._previous = start.object
@@ -158,12 +156,13 @@ class Follower:
         """
         nearest, *others = equivalents(rotations[0], self._reference(now.object), self._yaw_fold)
         whole = rotations @ (rotations[0].T @ nearest)
-        if self._miss is None or self.settings.follow != "gated":
+        reach = self._reach
+        if reach is None or self.settings.follow != "gated":
             return whole
 
         def miss(turned: np.ndarray) -> float:
             motion = Pose(positions[-1], turned[-1]) @ now.object.inverse()
-            return self._miss(motion @ now.eef)
+            return reach.miss(motion @ now.eef)
 
         least = miss(whole)
         for other in others:

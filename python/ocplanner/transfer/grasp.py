@@ -5,7 +5,7 @@ import numpy as np
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, OPEN, Body, Reading, raised
+from ocplanner.transfer.body import CLOSE, OPEN, Body, Foresight, Reading, raised
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -13,18 +13,38 @@ _STILL_STEPS = 4
 _BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside it
 
 
-def choose_grasp(spec: ObjectSpec, robot: RobotSpec, object_pose: Pose, home: np.ndarray) -> Pose:
+def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresight | None = None) -> Pose:
     """The end-effector pose, in the object's frame, of the grasp that turns the wrist least.
+
+    Passed over, for an arm that has to bring its hand inward, is a grasp with which the wrist would come to its limit
+    while the object is turned so that the hand is on the robot's side.
 
     Args:
         spec: the object and its grasps.
         robot: the arm.
-        object_pose: of the object, world frame.
-        home: (3, 3) rotation of the end effector before the approach.
+        now: what is sensed before the approach.
+        reach: where the arm gets to; without it no grasp is passed over.
     """
     site = Pose(np.zeros(3), robot.rotation_grasp_site)
     candidates = [leaning(grasp.pose_object_eef, robot.lean) @ site for grasp in spec.grasps]
-    return min(candidates, key=lambda grasp: angle_between((object_pose @ grasp).rotation, home))
+    candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
+    if reach is None or not robot.inward:
+        return candidates[0]
+    rooms = []
+    for grasp in candidates:
+        inward = _turn_inward(now.object.rotation @ grasp.position, reach.outward(now.object.position))
+        rooms.append(reach.wrist_room(now.object @ grasp, inward))
+        if rooms[-1] > 0:
+            return grasp
+    return candidates[int(np.argmax(rooms))]
+
+
+def _turn_inward(beside: np.ndarray, outward: np.ndarray) -> float:
+    """The shortest turn about z that brings what is held beside the object's middle to the robot's side, radians."""
+    if np.linalg.norm(beside[:2]) < _BESIDE:
+        return 0.0
+    across = beside[1] * outward[0] - beside[0] * outward[1]
+    return float(np.arctan2(across, -beside[:2] @ outward[:2]))
 
 
 def leaning(grasp: Pose, angle: float) -> Pose:
@@ -44,7 +64,9 @@ def leaning(grasp: Pose, angle: float) -> Pose:
     return Pose(grasp.position, np.column_stack([closing, np.cross(tilted, closing), tilted]))
 
 
-def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings) -> np.ndarray | None:
+def take_hold(
+    body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings, reach: Foresight | None = None
+) -> np.ndarray | None:
     """Open, approach from above, close and lift a little.
 
     Returns:
@@ -55,8 +77,7 @@ def take_hold(body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSet
     """
     for _ in range(settings.settle_steps):
         body.wait(OPEN)
-    now = body.read()
-    grasp = choose_grasp(spec, robot, now.object, now.eef.rotation)
+    grasp = choose_grasp(spec, robot, body.read(), reach)
     _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
     _approach(body, grasp, settings.clearance, settings.near, settings)
     _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)

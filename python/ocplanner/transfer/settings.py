@@ -34,8 +34,8 @@ class GraspSettings:
     """Height of the trial lift that tells a hold from a miss."""
     held: float = 0.02
     """Distance that the grip point may wander on the object before the hold counts as lost."""
-    tries: int = 2
-    """Grasps in an episode: the first and one recovery."""
+    tries: int = 3
+    """Grasps in an episode: the first and the recoveries."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import numpy as np
 
 _TURNS = 8
 
+
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Angle between two rotations (3, 3), radians in [0, pi]."""
     chord = float(np.linalg.norm(a - b)) / (2 * np.sqrt(2))

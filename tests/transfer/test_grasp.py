@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from ocplanner.envs.robots import robot
+from ocplanner.envs.tasks import task
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import Reading
+from ocplanner.transfer.grasp import choose_grasp, leaning
+from ocplanner.transfer.symmetry import angle_between
+
+NUT = task("Square").object()
+
+
+class Wrist:
+    """A robot at the world's origin whose wrist has room for turns to one side only."""
+
+    def __init__(self, forbidden: np.ndarray | None) -> None:
+        self.forbidden = forbidden
+        self.turns: list[float] = []
+
+    def outward(self, position: np.ndarray) -> np.ndarray:
+        return np.array([1.0, 0.0, 0.0])
+
+    def miss(self, pose: Pose) -> float:
+        return 0.0
+
+    def wrist_room(self, pose: Pose, turn: float) -> float:
+        self.turns.append(turn)
+        if self.forbidden is not None and angle_between(pose.rotation, self.forbidden) < 0.1:
+            return -0.5
+        return 0.5
+
+
+@pytest.mark.parametrize("grasp", NUT.grasps, ids=lambda grasp: grasp.name)
+def test_a_leaning_hand_keeps_its_fingers_and_moves_its_palm_outward(grasp):
+    upright, leaned = grasp.pose_object_eef, leaning(grasp.pose_object_eef, 0.3)
+    np.testing.assert_allclose(leaned.rotation @ leaned.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(leaned.rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(leaned.rotation[:, 0], upright.rotation[:, 0])
+    np.testing.assert_array_equal(leaned.position, upright.position)
+    palm = leaned.position - 0.2 * leaned.rotation[:, 2]
+    assert palm[0] - leaned.position[0] == pytest.approx(0.2 * np.sin(0.3))
+
+
+def test_a_hand_at_the_middle_does_not_lean():
+    grasp = task("Lift").object().grasps[0].pose_object_eef
+    assert leaning(grasp, 0.3) is grasp
+
+
+def test_the_grasp_that_turns_the_wrist_least_unless_it_would_reach_its_limit():
+    first, second = (grasp.pose_object_eef for grasp in NUT.grasps)
+    nut = Pose(np.array([0.4, 0.1, 0.83]), np.eye(3))
+    now = Reading(nut, Pose(np.zeros(3), second.rotation), 0.08)
+    assert angle_between(choose_grasp(NUT, robot("Panda"), now).rotation, second.rotation) < 1e-6
+    free = Wrist(None)
+    assert angle_between(choose_grasp(NUT, robot("IIWA"), now, free).rotation, second.rotation) < 1e-6
+    assert abs(free.turns[0]) == pytest.approx(np.pi)  # the handle points away from the robot
+    chosen = choose_grasp(NUT, robot("IIWA"), now, Wrist(second.rotation))
+    assert angle_between(chosen.rotation, first.rotation) < 1e-6
