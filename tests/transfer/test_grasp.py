@@ -42,9 +42,13 @@ def test_a_leaning_hand_keeps_its_fingers_and_moves_its_palm_outward(grasp):
     assert palm[0] - leaned.position[0] == pytest.approx(0.2 * np.sin(0.3))
 
 
-def test_a_hand_at_the_middle_does_not_lean():
-    grasp = task("Lift").object().grasps[0].pose_object_eef
-    assert leaning(grasp, 0.3) is grasp
+@pytest.mark.parametrize("grasp", task("Can").object().grasps, ids=lambda grasp: grasp.name)
+def test_a_hand_at_the_middle_leans_toward_the_robot(grasp):
+    inward = np.array([-np.cos(0.3), np.sin(0.3), 0.0])
+    leaned = leaning(grasp.pose_object_eef, 0.3, inward)
+    sideways = np.abs(grasp.pose_object_eef.rotation[:, 1] @ inward)
+    assert -leaned.rotation[:, 2] @ inward == pytest.approx(np.sin(0.3) * sideways)
+    assert leaning(grasp.pose_object_eef, 0.3) is grasp.pose_object_eef
 
 
 def test_the_grasp_that_turns_the_wrist_least_unless_it_would_reach_its_limit():

@@ -16,8 +16,9 @@ class RobotSpec:
         name: robosuite's name.
         closing_axis: axis of the end-effector site along which the fingers close.
         stroke_steps: control steps (20 Hz) from fully open to fully closed.
-        lean: angle by which the hand tilts away from an object that it holds beside its middle, radians. It brings the
-            wrist of an arm with a short reach nearer to the base: 0.3 rad gains 4 to 7 cm.
+        lean: angle by which the hand tilts away from an object that it holds beside its middle, and toward the robot
+            over one that it holds at its middle, radians. It brings the wrist of an arm with a short reach nearer to
+            the base: 0.3 rad gains 4 to 7 cm.
         inward: whether the arm reaches the far end of its table only with the hand on its own side of an object that it
             holds beside its middle, and has a wrist with limits: grasps are chosen that leave room for that turn.
         patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.

@@ -26,14 +26,15 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
         reach: where the arm gets to; without it no grasp is passed over.
     """
     site = Pose(np.zeros(3), robot.rotation_grasp_site)
-    candidates = [leaning(grasp.pose_object_eef, robot.lean) @ site for grasp in spec.grasps]
+    inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
+    candidates = [leaning(grasp.pose_object_eef, robot.lean, inward) @ site for grasp in spec.grasps]
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
     rooms = []
     for grasp in candidates:
-        inward = _turn_inward(now.object.rotation @ grasp.position, reach.outward(now.object.position))
-        rooms.append(reach.wrist_room(now.object @ grasp, inward))
+        turn = _turn_inward(now.object.rotation @ grasp.position, reach.outward(now.object.position))
+        rooms.append(reach.wrist_room(now.object @ grasp, turn))
         if rooms[-1] > 0:
             return grasp
     return candidates[int(np.argmax(rooms))]
@@ -47,20 +48,23 @@ def _turn_inward(beside: np.ndarray, outward: np.ndarray) -> float:
     return float(np.arctan2(across, -beside[:2] @ outward[:2]))
 
 
-def leaning(grasp: Pose, angle: float) -> Pose:
+def leaning(grasp: Pose, angle: float, inward: np.ndarray | None = None) -> Pose:
     """A grasp with the palm tilted away from the object's middle, about the line along which the fingers close.
 
-    The fingers keep their places on the object. A grasp at the middle has no such direction and stays as it is.
+    The fingers keep their places on the object. A grasp at the middle leans toward the robot.
 
     Args:
         grasp: grasp frame in the object's frame, see :class:`ocplanner.envs.tasks.GraspFrame`.
         angle: radians.
+        inward: (3,) direction to the robot in the object's frame; without it a grasp at the middle stays upright.
     """
     closing, sideways, approach = grasp.rotation.T
-    outward = float(sideways @ grasp.position)
-    if abs(outward) < _BESIDE:
-        return grasp
-    tilted = np.cos(angle) * approach - np.sign(outward) * np.sin(angle) * sideways
+    aside = float(sideways @ grasp.position)
+    if abs(aside) < _BESIDE:
+        if inward is None:
+            return grasp
+        aside = float(sideways @ inward)
+    tilted = np.cos(angle) * approach - np.sign(aside) * np.sin(angle) * sideways
     return Pose(grasp.position, np.column_stack([closing, np.cross(tilted, closing), tilted]))
 
 
