@@ -9,6 +9,7 @@ import importlib
 import pkgutil
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -36,21 +37,29 @@ def build(folder: Path) -> Path:
     """Write the pages into ``folder`` and return the front page."""
     wanted: list[str] = []
     covered: set[str] = set()
-    for name in module_names():
-        _resolve_lazy_names(name)
-        if name not in covered:  # a package covers what its __all__ lets pdoc see
-            wanted.append(name)
-            covered |= set(pdoc.extract.walk_specs([name]))
-    pdoc.render.configure(docformat="google", show_source=False, footer_text=f"{PACKAGE} {version(PACKAGE)}")
-    pdoc.pdoc(*wanted, output_directory=folder)
+    with ExitStack() as resolved:
+        for name in module_names():
+            resolved.enter_context(_lazy_names_resolved(name))
+            if name not in covered:  # a package covers what its __all__ lets pdoc see
+                wanted.append(name)
+                covered |= set(pdoc.extract.walk_specs([name]))
+        pdoc.render.configure(docformat="google", show_source=False, footer_text=f"{PACKAGE} {version(PACKAGE)}")
+        pdoc.pdoc(*wanted, output_directory=folder)
     return folder / f"{PACKAGE}.html"
 
 
-def _resolve_lazy_names(name: str) -> None:
-    """Import what a module imports on first use: pdoc sees only what is there."""
+@contextmanager
+def _lazy_names_resolved(name: str) -> Iterator[None]:
+    """While it lasts, what a module imports on first use stands in it: pdoc sees only what is there."""
     module = importlib.import_module(name)
-    for public in getattr(module, "__all__", ()):
+    lazy = [public for public in getattr(module, "__all__", ()) if public not in vars(module)]
+    for public in lazy:
         setattr(module, public, getattr(module, public))
+    try:
+        yield
+    finally:
+        for public in lazy:
+            delattr(module, public)
 
 
 def main() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import ocplanner.envs
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -29,6 +31,7 @@ def test_it_is_built_without_a_network(reference, tmp_path, monkeypatch):
 
     monkeypatch.setattr(socket.socket, "connect", refuse)
     front = reference.build(tmp_path)
+    assert "make_env" not in vars(ocplanner.envs)  # names that are imported on first use are so again
     text = front.read_text()
     for name in ("Planner", "Demonstrations", "plan_reward", "RewardConfig"):
         assert f'id="{name}"' in text
