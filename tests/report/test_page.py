@@ -183,7 +183,10 @@ def test_names_in_evaluations_are_text_not_markup(tmp_path, write_evaluation):
 def test_several_robots_are_compared_and_so_are_pose_errors(tmp_path, write_result):
     write_result("panda", robot="Panda", successes=3)
     write_result("sawyer")
+    write_result("lift", task="Lift")
+    write_result("can", task="Can")
     page = report(tmp_path)
+    assert "Can, Lift and Square on Sawyer and Panda" in page.text
     assert "Every task on every robot" in page.text
     assert "Success against pose noise" not in page.text
     (tmp_path / "panda.json").unlink()

@@ -128,10 +128,12 @@ class Transfer:
         console = Console()
         with _episode_bar(console) as bar:
             count: Callable[[Run], None] = bar("", 0)
+            number, total = 0, len(planners) * len(dict.fromkeys(robots))
 
             def begin(cell: "TransferResult") -> None:
-                nonlocal count
-                count = bar(f"{cell.task} on {cell.robot}", self.episodes)
+                nonlocal count, number
+                number += 1
+                count = bar(f"{cell.task} on {cell.robot} ({number} of {total})", self.episodes)
 
             def finish(cell: "TransferResult") -> None:
                 console.print(str(cell), soft_wrap=True)

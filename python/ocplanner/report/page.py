@@ -141,8 +141,11 @@ def _title(sources: Sources) -> str:
     robots = list(dict.fromkeys(result.robot for result in results))
     if not tasks:
         return "Planner training" if sources.planner_runs else "Policy training" if sources.runs else "ocplanner report"
-    listed = robots[0] if len(robots) == 1 else f"{', '.join(robots[:-1])} and {robots[-1]}"
-    return f"{'' if sources.records else 'Policies: '}{' and '.join(tasks)} on {listed}"
+    return f"{'' if sources.records else 'Policies: '}{_enumerated(tasks)} on {_enumerated(robots)}"
+
+
+def _enumerated(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _pick(videos: list[EmbeddedVideo], most: int) -> list[EmbeddedVideo]:

@@ -71,7 +71,7 @@ class TransferRecord:
         error = self.pose_error
         noisy, late = error.position_mm or error.rotation_deg, error.latency_steps
         noise = [f"pose noise {error.position_mm:g} mm {error.rotation_deg:g}°"] if noisy else []
-        latency = [f"pose {late} steps late"] if late else []
+        latency = [f"pose {late} step{'s' * (late > 1)} late"] if late else []
         mean = [f"averaged over {self.pose_filter} steps"] if self.pose_filter > 1 else []
         return ", ".join([self.exact_setting, *noise, *latency, *mean])
 
