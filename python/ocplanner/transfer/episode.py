@@ -13,7 +13,7 @@ from ocplanner.envs.kinematics import ArmJoints, Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading
 from ocplanner.transfer.follower import Follower
-from ocplanner.transfer.grasp import is_held, take_hold
+from ocplanner.transfer.grasp import is_held, open_fingers, take_hold
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -174,13 +174,7 @@ class _Program:
     def _let_go(self) -> None:
         self.finished = True
         self.phase = "release"
-        opening, still = self.body.read().opening, 0
-        for _ in range(self.env.robot.stroke_steps):
-            now = self.body.wait(OPEN)
-            still = still + 1 if abs(now.opening - opening) < self.settings.grasp.still else 0
-            opening = now.opening
-            if still >= 2:
-                break
+        open_fingers(self.body, self.env.robot, self.settings.grasp)
         self._rise(self.settings.following.retreat)
 
     def _fell_into_place(self) -> bool:
@@ -192,6 +186,8 @@ class _Program:
 
     def _back_off(self) -> None:
         self._rise(self.settings.grasp.hover)
+        for _ in range(self.env.robot.stroke_steps // 5):
+            self.body.wait(OPEN)
 
     def _rise(self, height: float) -> None:
         start = self.body.read().eef

@@ -129,3 +129,16 @@ def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) ->
         opening = now.opening
         if still >= _STILL_STEPS:
             return
+
+
+def open_fingers(body: Body, robot: RobotSpec, settings: GraspSettings) -> None:
+    """Open until the object is free; a slow gripper's fingers rest at first, while its command unwinds."""
+    before = start = body.read().opening
+    still = 0
+    for _ in range(robot.stroke_steps):
+        now = body.wait(OPEN)
+        still = still + 1 if abs(now.opening - before) < settings.still else 0
+        before = now.opening
+        opened = now.opening - start
+        if opened > settings.freed or (opened > settings.near and still >= 2):
+            return

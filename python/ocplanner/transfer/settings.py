@@ -30,6 +30,8 @@ class GraspSettings:
     """Steps allowed for each leg of the approach."""
     still: float = 0.0002
     """Change of the gripper's opening in a step below which it has stopped."""
+    freed: float = 0.03
+    """Gain of the gripper's opening that frees any object."""
     probe: float = 0.03
     """Height of the trial lift that tells a hold from a miss."""
     held: float = 0.02
