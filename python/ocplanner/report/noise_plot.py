@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from ocplanner.errors import ResultFileError
-from ocplanner.report.plots import shared_legend
 from ocplanner.report.results import TransferRecord, read_results
 from ocplanner.report.style import SERIES, new_figure, save_figure, styled
 
@@ -63,7 +62,7 @@ def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
             ylim=(-0.02, 1.02),
         )
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-        shared_legend(figure)
+        figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
