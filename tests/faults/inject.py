@@ -30,7 +30,7 @@ import damage
 import interruptions
 from bench import Bench
 from machine import machine
-from process import load_everything
+from process import load
 from rows import Row
 from verbs import HDF5_READERS, PLANNER_READERS, POLICY_READERS, WRITERS, Material, Verb
 
@@ -75,30 +75,29 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _chosen(options: argparse.Namespace, fault: Fault, verb: Verb) -> bool:
+    return verb.name in options.verbs and (options.faults is None or fault.name in options.faults)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Inject, write the rows, and say whether all is well."""
     options = parse(arguments)
-    load_everything()
+    chosen = [(fault, verb) for fault in FAULTS for verb in fault.verbs if _chosen(options, fault, verb)]
+    load({module for _, verb in chosen for module in verb.modules})
     rows: list[Row] = []
     benches: dict[Verb, Bench] = {}
-    folder = Path(
-        tempfile.mkdtemp(prefix="faults-")
-    )  # no TemporaryDirectory: the first forked process would clean it up
+    # No TemporaryDirectory: the first forked process would clean it up.
+    folder = Path(tempfile.mkdtemp(prefix="faults-"))
     try:
         material = Material(options.material or folder / "material")
-        for fault in FAULTS:
-            if fault.name not in (options.faults or fault.name):
-                continue
-            for verb in fault.verbs:
-                if verb.name not in options.verbs:
-                    continue
-                bench = benches.setdefault(verb, Bench(folder, verb, material))
-                bench.rng.seed(f"{options.seed} {verb.name} {fault.name}")
-                row = Row(verb.name, fault.title)
-                fault.inject(bench, row, options.tries or fault.tries)
-                rows.append(row)
-                print(row, *row.notes, sep="\n    ", flush=True)  # noqa: T201
-                _write(options.output, options.seed, rows)
+        for fault, verb in chosen:
+            bench = benches.setdefault(verb, Bench(folder, verb, material))
+            bench.rng.seed(f"{options.seed} {verb.name} {fault.name}")
+            row = Row(verb.name, fault.title)
+            fault.inject(bench, row, options.tries or fault.tries)
+            rows.append(row)
+            print(row, *row.notes, sep="\n    ", flush=True)  # noqa: T201
+            _write(options.output, options.seed, rows)
     finally:
         shutil.rmtree(folder)
     return int(any(row.lost or row.unclear for row in rows))

@@ -1,4 +1,4 @@
-"""A verb of the command line as a process of its own, forked from one that has imported everything already.
+"""A verb of the command line as a process of its own, forked from one that has imported what it needs.
 
 Importing takes seconds, a verb on tiny data less: so hundreds of processes can be started and killed in minutes. The
 importing process must never draw, train or start a thread.
@@ -13,6 +13,7 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
@@ -23,14 +24,14 @@ CHECKPOINT_EVERY = {"train-planner": 8, "train-policy": 20}
 """Training steps; on the command line checkpoints come every 500 and 1000, which tiny trainings never reach."""
 
 
-def load_everything() -> None:
-    """Import the package, and let trainings write checkpoints often."""
+def load(modules: Iterable[str]) -> None:
+    """Import the command line and further modules, and let trainings write checkpoints often."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     os.environ.setdefault("LP_NUM_THREADS", "1")
-    package = importlib.import_module("ocplanner")
-    for module in pkgutil.walk_packages(package.__path__, "ocplanner."):
-        if ".integrations." not in module.name and not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
+    command_line = importlib.import_module("ocplanner.cli")
+    verbs = (module.name for module in pkgutil.iter_modules(command_line.__path__, "ocplanner.cli."))
+    for module in (*verbs, *modules):
+        importlib.import_module(module)
     _write_checkpoints_often()
 
 

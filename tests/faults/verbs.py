@@ -62,6 +62,7 @@ class Verb:
         arguments: from its inputs by kind, and the output.
         reads: the inputs by kind: names of :class:`Material`.
         grows: whether the output is there, and whole, before all is done.
+        modules: what it imports when it runs.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Verb:
     arguments: Callable[[dict[str, Path], Path], list[str]]
     reads: tuple[str, ...] = ()
     grows: bool = False
+    modules: tuple[str, ...] = ()
 
     def command(self, material: Material, work: Path, **instead: Path) -> list[str]:
         """The verb and its flags, with other inputs where ``instead`` names them."""
@@ -116,15 +118,30 @@ def _evaluate(inputs: dict[str, Path], out: Path) -> list[str]:
     return ["--policy", str(inputs["policy"]), "--episodes", "1", "--horizon", "3", "--out", str(out)]
 
 
-COLLECT = Verb("collect", "out.hdf5", _collect)
-RENDER = Verb("render", "out.hdf5", _render, ("collected",))
-LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"))
-TRAIN_PLANNER = Verb("train-planner", "run/report.html", _train_planner, ("rendered",))
-TRAIN_POLICY = Verb("train-policy", "run/policy.safetensors", _train_policy, ("collected",))
-TRANSFER = Verb("transfer", "out.json", _transfer, ("planner",))
-MATRIX = Verb("transfer --matrix", "out.json", _matrix, ("planner",), grows=True)
+_PLANNING = "ocplanner.planner.planner"
+_TRANSFERRING = (_PLANNING, "ocplanner.transfer.loop")
+_EVALUATING = ("ocplanner.policies.evaluate",)
+_FITTING = ("ocplanner.planner.train", "ocplanner.report.page")
+
+COLLECT = Verb("collect", "out.hdf5", _collect, modules=("ocplanner.demos.collect",))
+RENDER = Verb("render", "out.hdf5", _render, ("collected",), modules=("ocplanner.demos.render",))
+LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"), modules=("ocplanner.rewards", _PLANNING))
+TRAIN_PLANNER = Verb("train-planner", "run/report.html", _train_planner, ("rendered",), modules=_FITTING)
+TRAIN_POLICY = Verb(
+    "train-policy", "run/policy.safetensors", _train_policy, ("collected",), modules=("ocplanner.policies.train",)
+)
+TRANSFER = Verb("transfer", "out.json", _transfer, ("planner",), modules=_TRANSFERRING)
+MATRIX = Verb(
+    "transfer --matrix",
+    "out.json",
+    _matrix,
+    ("planner",),
+    grows=True,
+    modules=(*_TRANSFERRING, "ocplanner.transfer.matrix", "ocplanner.report.heat_map"),
+)
+EVALUATE = Verb("evaluate", "out.json", _evaluate, ("policy",), modules=_EVALUATING)
 
 WRITERS = (TRAIN_POLICY, LABEL, TRAIN_PLANNER, COLLECT, TRANSFER, RENDER, MATRIX)
 HDF5_READERS = (Verb("info", None, _info, ("rendered",)), LABEL, TRAIN_PLANNER, TRAIN_POLICY, RENDER)
 PLANNER_READERS = (Verb("info", None, _info, ("planner",)), LABEL, TRANSFER)
-POLICY_READERS = (Verb("info", None, _info, ("policy",)), Verb("evaluate", "out.json", _evaluate, ("policy",)))
+POLICY_READERS = (Verb("info", None, _info, ("policy",)), EVALUATE)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.policies.actor import Memory
-from ocplanner.policies.config import HINT_KEY, training_from_dict
+from ocplanner.policies.config import HINT_KEY, PolicyTraining, training_from_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
@@ -62,8 +62,10 @@ class Policy:
             raise ValueError(f"it holds a {header['kind']} of format {header['format']}, not a policy of {FORMAT}")
         self.config: Mapping[str, Any] = MappingProxyType(header["config"])
         self.training = training_from_dict(self.config["training"])
+        tensors = load_tensors(data)
+        _check_sizes(self.training, self.config, tensors)
         self.actor = make_network(self.training, self.config["low_dim"], self.config["actions"])
-        self.actor.load_state_dict(load_tensors(data))
+        self.actor.load_state_dict(tensors)
         self.actor.eval()
         seen = self.training.observation
         hint = (HINT_KEY,) if self.training.reads_hints else ()
@@ -151,6 +153,22 @@ class Policy:
     def __repr__(self) -> str:
         """Name and algorithm."""
         return f"Policy({str(self.path)!r}, algorithm={self.training.algorithm!r})"
+
+
+def _check_sizes(training: PolicyTraining, config: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+    """Compare the network with the file's tensors before memory is taken for it.
+
+    Raises:
+        ValueError: they are of different sizes.
+    """
+    if max(len(training.network.hidden), training.network.lstm_layers) > len(tensors):
+        raise ValueError(f"its configuration has more layers than the {len(tensors)} tensors in it")
+    with torch.device("meta"):
+        wanted = make_network(training, config["low_dim"], config["actions"]).state_dict()
+    for name in sorted({*wanted, *tensors}):
+        sizes = [tuple(found[name].shape) if name in found else None for found in (wanted, tensors)]
+        if sizes[0] != sizes[1]:
+            raise ValueError(f"{name} is {sizes[1]} in it, but {sizes[0]} by its configuration")
 
 
 def _one_step(seen: Observation) -> Observation:
