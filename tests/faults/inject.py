@@ -5,9 +5,10 @@ of its own on tiny data, forked from this one (see ``process.py``), with one wor
 A verb that was killed is started again until it is through. After each kill no visible file may be half-written and
 nothing that was safe may be gone; at the end the folder must equal that of an undisturbed run, hidden files included:
 byte for byte, or array for array where ``compared`` says so. Times in ``metrics.jsonl``, checkpoints and reports do
-not count, nor TensorBoard's files. Trainings write checkpoints more often than the command line would. The faults and
-what each must end in: ``interruptions.py`` and ``damage.py``. ``--verbs``, ``--faults`` and ``--tries`` choose a part;
-rows of other parts stay in the output.
+not count, nor TensorBoard's files; measured errors may differ by 1e-12 of their size, as between undisturbed runs.
+Trainings write checkpoints more often than the command line would. The faults and what each must end in:
+``interruptions.py`` and ``damage.py``. ``--verbs``, ``--faults`` and ``--tries`` choose a part; rows of other parts
+stay in the output.
 """
 
 import argparse

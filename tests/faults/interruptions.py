@@ -50,7 +50,7 @@ def _kill(bench: Bench, row: Row, tries: int, moment: Callable[[VerbProcess], No
             row.tries += 1
             safe = bench.check_whole(row, safe)
         else:
-            bench.judge(running.wait(), row)
+            row.tries += not bench.judge(running.wait(), row)  # a verb that always fails must not go on for ever
             bench.clear()
             safe = 0.0
     bench.finish(row)

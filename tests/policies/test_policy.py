@@ -120,3 +120,22 @@ def test_files_that_are_no_policies_are_refused(saved, tmp_path):
         path.write_bytes(data)
         with pytest.raises(PlannerFileError, match="is no policy file"):
             Policy.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hidden": [10**9, 10**9]}, "by its configuration"),
+        ({"hidden": [10**12]}, "by its configuration"),
+        ({"hidden": [8] * 10**5}, "more layers"),
+        ({"lstm_layers": 10**9}, "more layers"),
+    ],
+)
+def test_sizes_are_checked_before_memory_is_taken(tmp_path, small, change, message):
+    config = small("bc")
+    training = to_dict(config)
+    training["network"] |= change
+    path = tmp_path / "policy.safetensors"
+    save_policy(make_network(config, 23, 7), {"low_dim": 23, "actions": 7, "training": training}, path)
+    with pytest.raises(PlannerFileError, match=message):
+        Policy.load(path)
