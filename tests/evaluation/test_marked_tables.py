@@ -49,7 +49,8 @@ def test_a_table_that_does_not_end_is_an_error():
 def test_the_committed_tables_are_those_of_the_committed_results(name, tmp_path):
     folder = tmp_path / name
     folder.mkdir(parents=True)
-    for entry in ("transfer", "mask_error", "heldout.json", "encoders.json", "table1.json", "table2.json"):
+    read = ("transfer", "mask_error", "pose_noise", "heldout.json", "encoders.json", "table1.json", "table2.json")
+    for entry in (*read, "matrix.json"):
         if (ROOT / name / entry).exists():
             (folder / entry).symlink_to(ROOT / name / entry)
     pages = ("README.md", f"{name}/README.md", "docs/paper.md")
