@@ -60,7 +60,12 @@ def _interrupted(bench: Bench) -> Path | None:
         time.sleep(0.001)
     if not running.kill():
         return None
-    patterns = ("*.parts/*", "**/*.journal", "run/checkpoints/*", "run/config.yaml")
+    patterns = (
+        "*.parts/*",
+        "**/*.journal",
+        "run/checkpoints/[!v]*",
+        "run/config.yaml",
+    )  # no verb reads the VAE's checkpoint again
     found = [path for pattern in patterns for path in sorted(bench.work.glob(pattern)) if path.name[0] != "."]
     return bench.rng.choice(found) if found else None
 

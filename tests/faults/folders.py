@@ -62,7 +62,7 @@ def progress(folder: Path) -> float:
     done = len(list(folder.glob("*.parts/*.hdf5")))
     for journal in folder.rglob("*.journal"):
         done += journal.read_bytes().count(b"\n") - 1
-    for cell in folder.glob("*/*.json"):
+    for cell in folder.glob("out/*.json"):  # of a matrix
         done += len(json.loads(cell.read_text(encoding="utf-8"))["runs"])
     for checkpoint in folder.glob("*/checkpoints/latest.safetensors"):
         facts = _tensors(checkpoint)[1]
@@ -99,6 +99,8 @@ def _same(one: Path, other: Path) -> bool:
             first, second = _rows(one), _rows(other)
             return len(first) == len(second) and all(map(_near, first, second))
         case ".safetensors":
+            if not _whole(other):
+                return False
             (tensors, facts), (others, other_facts) = _tensors(one), _tensors(other)
             return _equal(tensors, others) and _timeless(facts) == _timeless(other_facts)
         case _:

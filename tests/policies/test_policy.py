@@ -139,3 +139,38 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path, small, change, messa
     save_policy(make_network(config, 23, 7), {"low_dim": 23, "actions": 7, "training": training}, path)
     with pytest.raises(PlannerFileError, match=message):
         Policy.load(path)
+
+
+SETUP = {
+    "task": "Square",
+    "robots": ["Panda"],
+    "step": 20,
+    "render": None,
+    "labels": None,
+    "action_frame": "base",
+    "action_scale": {"position": 0.05, "rotation": 0.5},
+    "object_layout": None,
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *[("task", {}), ("robots", []), ("robots", [1]), ("step", "x"), ("render", []), ("labels", 1)],
+        *[("action_scale", None), ("action_scale", {}), ("action_frame", 1), ("object_layout", {})],
+    ],
+)
+def test_the_setup_is_checked(tmp_path, small, key, value):
+    config = small("bc")
+    path = tmp_path / "policy.safetensors"
+    description = {**SETUP, "low_dim": 23, "actions": 7, "training": to_dict(config)}
+    network = make_network(config, 23, 7)
+    save_policy(network, description, path)
+    Policy.load(path).check_setup()
+    save_policy(network, {**description, key: value}, path)
+    with pytest.raises(PlannerFileError, match=f"policy.safetensors: its {key} "):
+        Policy.load(path).check_setup()
+    del description[key]
+    save_policy(network, description, path)
+    with pytest.raises(PlannerFileError, match=f"policy.safetensors: its {key} "):
+        Policy.load(path).check_setup()

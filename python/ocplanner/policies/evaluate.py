@@ -134,6 +134,8 @@ def evaluate_policy(
     require(last is None or Path(policy).is_dir(), f"last {last}: {policy} is a single policy; give a run folder")
     paths = checkpoints(Path(policy))[-(last or 0) :]
     policies = [Policy.load(path) for path in paths]
+    for one in policies:
+        one.check_setup()
     scenario = PolicyScenario(
         tuple(path.absolute() for path in paths),
         None if planner is None else Path(planner).absolute(),

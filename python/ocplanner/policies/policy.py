@@ -23,6 +23,17 @@ from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
 
 FORMAT = 1
+_SETUP: dict[str, Any] = {
+    "task": str,
+    "robots": list,
+    "step": int,
+    "render": dict | None,
+    "labels": dict | None,
+    "action_frame": str | None,
+    "action_scale": dict | None,
+    "object_layout": str | None,
+}
+"""What a policy's file says about the recordings, for those who let it act in an environment."""
 
 
 def save_policy(actor: nn.Module, description: Mapping[str, Any], path: Path) -> None:
@@ -91,6 +102,23 @@ class Policy:
             raise PlannerFileError(
                 f"{path} is no policy file ({_found(path, error)}); write one with `ocplanner train-policy`"
             ) from error
+
+    def check_setup(self) -> None:
+        """Check that the file says in what environment the policy acts.
+
+        Raises:
+            PlannerFileError: an entry is missing or of another kind.
+        """
+        for key, kind in _SETUP.items():
+            value = self.config.get(key)
+            if key not in self.config or not isinstance(value, kind):
+                raise PlannerFileError(f"{self.path}: its {key} is {value!r}; write it again with `train-policy`")
+        robots, scale = self.config["robots"], self.config["action_scale"]
+        if not robots or not isinstance(robots[0], str):
+            raise PlannerFileError(f"{self.path}: its robots are {robots!r}; write it again with `train-policy`")
+        parts = [(scale or {}).get(part) for part in ("position", "rotation")]
+        if self.config["action_frame"] is not None and not all(isinstance(part, int | float) for part in parts):
+            raise PlannerFileError(f"{self.path}: its action_scale is {scale!r}; write it again with `train-policy`")
 
     def reset(self, seed: int) -> None:
         """Begin an episode: forget what was seen, and draw actions from this seed."""
