@@ -25,8 +25,8 @@ _MOST_MEMORY_MB = 2500.0
 def damaged_checkpoint(bench: Bench, row: Row, tries: int) -> None:
     """Kill the verb, damage one of the files that it resumes from, and run it again.
 
-    It must say which file is damaged and leave all files alone, or end with the undisturbed result all the same. Once
-    the damaged file is removed, as the error says, it must succeed.
+    It must say which file is damaged, leave that as it is and lose no other, or end with the undisturbed result all the
+    same. Once what the error names is removed it must succeed.
     """
     assert bench.reference.span_s > 0
     while row.tries < tries:
@@ -43,9 +43,10 @@ def damaged_checkpoint(bench: Bench, row: Row, tries: int) -> None:
         if not ending.clear or not (target.name in ending.text or target.parent.name in ending.text):
             row.wonder(f"{target.name} {what}: {ending.complaint}")
         after = {name: path.read_bytes() for name, path in folders.files(bench.work).items()}
-        changed = [name for name, content in before.items() if after.get(name) != content]
-        if changed:
-            row.lose(f"{target.name} {what}: {', '.join(changed)} changed")
+        damaged = str(target.relative_to(bench.work))
+        gone = [name for name in before if name not in after or (name == damaged and after[name] != before[name])]
+        if gone:
+            row.lose(f"{target.name} {what}: {', '.join(gone)} changed or gone")
         _remove(target)
         bench.finish(row)
 
@@ -93,7 +94,7 @@ def _damage(path: Path, rng: random.Random) -> str:
 
 def _remove(path: Path) -> None:
     """What the error tells people to remove."""
-    if path.name in ("header.json", "config.yaml"):
+    if path.name in ("header.json", "config.yaml") or path.parent.name == "checkpoints":
         shutil.rmtree(path.parent)
     else:
         path.unlink()

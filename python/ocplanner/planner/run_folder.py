@@ -88,7 +88,7 @@ class RunFolder:
             if facts.pop("sha256", None) not in (None, _checksum(tensors, facts)):  # none: by an older version
                 raise ValueError("its checksum is wrong")
         except (SafetensorError, OSError, LookupError, TypeError, AttributeError, ValueError) as error:
-            raise TrainingError(f"{path} is damaged ({error}); remove it to train from the start") from error
+            raise TrainingError(f"{path} is damaged ({error}); remove {path.parent} to train from the start") from error
         return tensors, facts
 
     def _checkpoint(self, name: str) -> Path:
