@@ -51,3 +51,14 @@ def test_another_transfers_journal_is_refused(tmp_path):
     Journal(path, {"robot": "Sawyer", "follow": "gated"})
     with pytest.raises(OutputError, match="another robot"):
         Journal(path, {"robot": "UR5e", "follow": "gated"})
+
+
+@pytest.mark.parametrize(
+    "damage", [b"\xfc\x80\xff", b"{}\n{\xc2}\n", b"{}\nno JSON\n", b'{}\n{"seed": 7}\n', b"{}\n[]\n"]
+)
+def test_a_damaged_journal_is_named_and_left_alone(tmp_path, damage):
+    path = tmp_path / "result.json.journal"
+    path.write_bytes(damage)
+    with pytest.raises(OutputError, match=r"result\.json\.journal is damaged .*delete it"):
+        Journal(path, {})
+    assert path.read_bytes() == damage

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from lightning_fabric import Fabric
-from torch.multiprocessing.spawn import ProcessRaisedException
+from torch.multiprocessing.spawn import ProcessException
 
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
@@ -80,7 +80,7 @@ def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int =
     fabric = _fabric(config, processes, elastic)
     try:
         outcome = fabric.launch(partial(_process, config=config, data=data, run=run))
-    except ProcessRaisedException as error:
+    except ProcessException as error:
         raise TrainingError(f"a training process died: {str(error).strip().splitlines()[-1]}") from error
     if isinstance(outcome, OcplannerError):
         raise outcome
@@ -115,6 +115,8 @@ def _process(fabric: Fabric, config: PolicyTraining, data: Path, run: Path) -> P
         return error
     finally:
         torch.set_num_threads(before)
+        if torch.distributed.is_initialized():  # its threads would abort a process that ends with them
+            torch.distributed.destroy_process_group()
 
 
 def _claim(held: ExitStack, folder: RunFolder, config: PolicyTraining, recorded: Recorded) -> OcplannerError | None:

@@ -21,7 +21,7 @@ class Journal:
         identity: whatever decides the episodes' outcome; JSON-able.
 
     Raises:
-        OutputError: the file belongs to a transfer of another identity.
+        OutputError: the file belongs to a transfer of another identity, or is damaged.
     """
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
@@ -33,15 +33,24 @@ class Journal:
             with atomic_write(path) as temporary:
                 temporary.write_text(json.dumps(identity) + "\n", encoding="utf-8")
             return
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         try:
-            found = json.loads(lines[0])
-        except (IndexError, ValueError):
-            found = {}
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+            whole = self._take(lines, identity)
+        except (ValueError, TypeError, AttributeError, IndexError) as error:
+            raise OutputError(
+                f"{path} is damaged ({error}); delete it, and its episodes are run again, or choose another output"
+            ) from error
+        if whole != "".join(lines):
+            with atomic_write(path) as temporary:
+                temporary.write_text(whole, encoding="utf-8")
+
+    def _take(self, lines: list[str], identity: dict[str, Any]) -> str:
+        """Note the episodes that stand in the lines; gives the text up to the last whole line."""
+        found = json.loads(lines[0])
         if found != identity:
             differing = sorted(key for key in {*found, *identity} if found.get(key) != identity.get(key))
             raise OutputError(
-                f"{path} holds episodes run with another {', '.join(differing)}; finish that run with its own "
+                f"{self.path} holds episodes run with another {', '.join(differing)}; finish that run with its own "
                 "settings, delete the file, or choose another output"
             )
         whole = lines[0]
@@ -51,9 +60,7 @@ class Journal:
             content = json.loads(line)
             self._note(filmed=content.pop("filmed", False), run=Run(**content))
             whole += line
-        if whole != "".join(lines):
-            with atomic_write(path) as temporary:
-                temporary.write_text(whole, encoding="utf-8")
+        return whole
 
     def _note(self, run: Run, *, filmed: bool) -> None:
         self.runs[run.seed] = run
