@@ -2,8 +2,9 @@
 
 Run from the repository's root: ``python tests/benchmarks/bench_policies.py --data square_ph.hdf5``. Each side trains in
 a process of its own, as its user would run it, and they take turns of some steps each, one thread, at the published
-hyperparameters of Square PH from states. A step is all that the training loop does: fetching and collating the batch,
-the loss, gradients, the optimiser, and what each side records. ``without data`` leaves the fetching out on both sides.
+hyperparameters of Square PH from states; robomimic in float32, as it always trains on a CPU. A step is all that the
+training loop does: fetching and collating the batch, the loss, gradients, the optimiser, and what each side records.
+``without data`` leaves the fetching out on both sides.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -19,33 +21,37 @@ from typing import Any
 
 import numpy as np
 import torch
-from lightning_fabric import Fabric
 from machine import machine_and_load
 from turns import Player, Turn, taking_turns
 
 from ocplanner.memory import keep_freed_memory
 from ocplanner.planner.optimisation import BatchOrder
 from ocplanner.planner.run_folder import RunFolder
-from ocplanner.policies.config import preset
-from ocplanner.policies.train import _Training, read
+from ocplanner.policies.config import Precision, preset
+from ocplanner.policies.train import _fabric, _Training, read
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/bench_policies.json")
-_CASES = {"bc state batch 100": "bc", "bc-rnn state batch 100": "bc-rnn"}
+_CASES: dict[str, tuple[str, Precision]] = {
+    "bc state batch 100": ("bc", "float32"),
+    "bc-rnn state batch 100": ("bc-rnn", "float32"),
+    "bc state batch 100, ours bfloat16": ("bc", "bfloat16"),
+    "bc-rnn state batch 100, ours bfloat16": ("bc-rnn", "bfloat16"),
+}
 
 
 class Ours:
     """Steps of ``ocplanner train-policy --preset robomimic``."""
 
-    def __init__(self, algorithm: str, data: Path) -> None:
+    def __init__(self, algorithm: str, precision: Precision, data: Path) -> None:
         torch.set_num_threads(1)
         keep_freed_memory()
-        config = preset("robomimic", algorithm)  # type: ignore[arg-type]
+        config = replace(preset("robomimic", algorithm), precision=precision)  # type: ignore[arg-type]
         recorded = read(config, data)
         self._fetch, self._fetching = recorded.train.batch, 0.0
         object.__setattr__(recorded.train, "batch", self._timed)
         self._folder = tempfile.TemporaryDirectory()
-        fabric, folder = Fabric(accelerator="cpu", devices=1), RunFolder(Path(self._folder.name))
+        fabric, folder = _fabric(config, 1, elastic=False), RunFolder(Path(self._folder.name))
         self._training = _Training(fabric, config, recorded, folder)
         self._order = BatchOrder(len(recorded.train), config.batch, (0, 0))
 
@@ -147,9 +153,6 @@ def row(case: str, taken: dict[str, Seconds]) -> dict[str, Any]:
     }
 
 
-_SIDES: dict[str, Callable[[str, Path], Player]] = {"ours": Ours, "robomimic": Robomimics}
-
-
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -159,8 +162,11 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=_OUTPUT)
     options = parser.parse_args()
     rows = []
-    for case, algorithm in _CASES.items():
-        sides = {name: partial(side, algorithm, options.data) for name, side in _SIDES.items()}
+    for case, (algorithm, precision) in _CASES.items():
+        sides: dict[str, Callable[[], Player]] = {
+            "ours": partial(Ours, algorithm, precision, options.data),
+            "robomimic": partial(Robomimics, algorithm, options.data),
+        }
         played = taking_turns(sides, options.turns, options.steps)
         rows.append(row(case, {name: seconds(turns, options.steps) for name, turns in played.items()}))
         print(json.dumps(rows[-1]))  # noqa: T201

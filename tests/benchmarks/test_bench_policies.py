@@ -12,7 +12,7 @@ def test_both_sides_train_and_are_written(tiny_square, tmp_path, monkeypatch):
     out = tmp_path / "bench.json"
     flags = ["--data", str(tiny_square()), "--turns", "1", "--steps", "1", "--output", str(out)]
     monkeypatch.setattr(sys, "argv", ["bench_policies.py", *flags])
-    monkeypatch.setattr(bench_policies, "_CASES", {"bc state batch 100": "bc"})
+    monkeypatch.setattr(bench_policies, "_CASES", {"bc": ("bc", "bfloat16")})
     bench_policies.main()
     written = json.loads(out.read_text())
     (row,) = written["rows"]

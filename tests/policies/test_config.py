@@ -118,6 +118,8 @@ def test_unknown_keys_are_named():
         (lambda: ObservationConfig(low_dim=()), InvalidValueError, "at least one observation"),
         (lambda: PolicyTraining("bcq"), InvalidValueError, "bcq settings belong to the algorithm bcq alone"),
         (lambda: PolicyTraining("bc", bcq=BCQConfig()), InvalidValueError, "bcq settings belong to the algorithm bcq"),
+        (lambda: replace(preset("cpu", "bcq"), precision="bfloat16"), InvalidValueError, "bcq learns in float32 alone"),
+        (lambda: PolicyTraining("bc", precision="float16"), UnknownNameError, "precision"),
         (
             lambda: PolicyTraining("bcq", network=NetworkConfig(hint=HintConfig()), bcq=BCQConfig()),
             InvalidValueError,

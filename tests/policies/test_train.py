@@ -64,6 +64,18 @@ def test_losses_fall(tiny_square, tmp_path, small, algorithm):
     assert rows[-1]["valid_loss"] < rows[0]["valid_loss"]
 
 
+@pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
+def test_rounded_products_learn_as_exact_ones_do(tiny_square, tmp_path, small, algorithm):
+    config = small(algorithm, steps=300, validate_every=100, save_every=300, learning_rate=5e-3)
+    rounded = replace(config, precision="bfloat16")
+    policies = [train_policy(c, tiny_square(), tmp_path / c.precision) for c in (config, rounded)]
+    exact_rows, rows = (RunFolder(policy.parent).rows() for policy in policies)
+    assert rows[0]["loss"] != exact_rows[0]["loss"]
+    assert rows[0]["loss"] == pytest.approx(exact_rows[0]["loss"], abs=0.5)
+    assert rows[-1]["loss"] == pytest.approx(exact_rows[-1]["loss"], abs=2.0)
+    assert all(tensor.dtype != torch.bfloat16 for tensor in load_file(policies[1]).values())
+
+
 @pytest.mark.parametrize(("ema", "seconds"), [(0.0, 30.0), (0.9, 30.0), (0.9, 0.0)])
 @pytest.mark.parametrize(
     ("algorithm", "cameras"),

@@ -5,7 +5,9 @@ A verb module holds a frozen dataclass whose fields are the flags, with a method
 """
 
 import importlib
+import os
 import pkgutil
+import select
 import sys
 from typing import Annotated, Any
 
@@ -28,10 +30,25 @@ def main(arguments: list[str] | None = None) -> int:
         union = member if union is None else union | member
     try:
         tyro.cli(union, prog="ocplanner", args=arguments, config=(tyro.conf.OmitSubcommandPrefixes,)).run()
+        sys.stdout.flush()
     except OcplannerError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to resume\n")
         return 130
+    except BrokenPipeError:
+        if not _output_is_closed():
+            raise
+        return 141
     return 0
+
+
+def _output_is_closed() -> bool:
+    """Whether nobody reads our output any more (``| head``); then the rest of it goes nowhere."""
+    poll = select.poll()
+    poll.register(sys.stdout, 0)
+    closed = any(event & select.POLLERR for _, event in poll.poll(0))
+    if closed:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return closed

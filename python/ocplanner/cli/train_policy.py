@@ -15,6 +15,7 @@ from ocplanner.policies.config import (
     HintConfig,
     ObservationKind,
     PolicyTraining,
+    Precision,
     Preset,
     preset,
 )
@@ -82,6 +83,8 @@ class TrainPolicy:
     """CPU threads of each process."""
     device: str | None = None
     """cpu (the default), cuda or mps."""
+    precision: Precision | None = None
+    """float32 (the default), or bfloat16 for the products inside layers: faster on processors that have it."""
 
     def configuration(self) -> PolicyTraining:
         """The preset, or the robomimic configuration, with these flags applied.
@@ -121,7 +124,7 @@ class TrainPolicy:
 
     def _resolved(self, given: "RobomimicConfig | None") -> PolicyTraining:
         base = given.training if given is not None else self._preset()
-        names = ("steps", "batch", "learning_rate", "ema", "save_every", "seed", "device")
+        names = ("steps", "batch", "learning_rate", "ema", "save_every", "seed", "device", "precision")
         flags = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.mask is not None:
             flags["mask"] = None if self.mask == "all" else self.mask

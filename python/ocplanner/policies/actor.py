@@ -47,12 +47,15 @@ class Actor(nn.Module):
     def _mixtures(self, observation: Observation, memory: Memory | None) -> tuple[Mixture, Mixture, Memory | None]:
         """The residual's mixture, the one over actions (the same without a hint), and the memory."""
         features, memory = self.features(self.encode(observation), memory)
-        residual = self.head(features)
-        if self.hint is None:
-            return residual, residual, memory
-        if observation.hint is None:
-            raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
-        return residual, self.hint(residual, features, observation.hint), memory
+        # A mixture with deviations down to 1e-4 needs means that bfloat16 cannot hold.
+        with torch.autocast(features.device.type, enabled=False):
+            features = features.float()
+            residual = self.head(features)
+            if self.hint is None:
+                return residual, residual, memory
+            if observation.hint is None:
+                raise MismatchError("the policy reads a hint, and the observation holds none; give `ocp_hint`")
+            return residual, self.hint(residual, features, observation.hint), memory
 
     def encode(self, observation: Observation) -> Tensor:
         """(..., E) what the algorithm's layers read; without pictures where the plan stands for them."""

@@ -16,6 +16,7 @@ ObservationKind = Literal["state", "image"]
 Preset = Literal["cpu", "robomimic"]
 StdActivation = Literal["softplus", "exp"]
 Schedule = Literal["constant", "cosine"]
+Precision = Literal["float32", "bfloat16"]
 
 HINT_KEY = "ocp_hint"
 """``obs/ocp_hint``: for each k six numbers in the action's frame and scale (position 3, rotation 3), then the flag."""
@@ -147,6 +148,8 @@ class PolicyTraining:
     checkpoint_every: int = 1000
     threads: int = 1
     device: str = "cpu"
+    precision: Precision = "float32"
+    """Of the products inside layers while training; weights, mixture, loss and rollouts are float32 either way."""
 
     @property
     def reads_hints(self) -> bool:
@@ -158,7 +161,10 @@ class PolicyTraining:
         require_choice("algorithm", self.algorithm, Algorithm)
         require_choice("preset", self.preset, Preset)
         require_choice("schedule", self.schedule, Schedule)
+        require_choice("precision", self.precision, Precision)
         require((self.algorithm == "bcq") == (self.bcq is not None), "bcq settings belong to the algorithm bcq alone")
+        rounded = self.bcq is not None and self.precision == "bfloat16"
+        require(not rounded, "bcq learns in float32 alone: drop --precision bfloat16, or choose bc or bc-rnn")
         hint, seen = self.network.hint, self.observation
         require(self.bcq is None or hint is None, "bcq reads no hint; choose bc or bc-rnn, or no hint")
         if hint is not None and hint.instead_of_pictures:

@@ -94,7 +94,13 @@ def _fabric(config: PolicyTraining, processes: int, elastic: bool) -> Fabric:
         machines = int(os.environ["WORLD_SIZE"]) // processes
     strategy = "ddp" if elastic else "ddp_spawn" if processes > 1 else "auto"
     try:
-        return Fabric(accelerator=config.device, devices=processes, num_nodes=machines, strategy=strategy)
+        return Fabric(
+            accelerator=config.device,
+            devices=processes,
+            num_nodes=machines,
+            strategy=strategy,
+            precision="bf16-mixed" if config.precision == "bfloat16" else "32-true",
+        )
     except (RuntimeError, ValueError) as error:
         raise InvalidValueError(f"device {config.device!r} cannot be used ({error}); use --device cpu") from error
 
