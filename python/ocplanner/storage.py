@@ -70,7 +70,7 @@ def sync_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def atomic_write(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path, durable: bool = True) -> Iterator[Path]:
     """Yield a temporary file name beside ``path``; on success it is synced and renamed to ``path``.
 
     The block must write that very file: what writes another one beside it and renames that, as ``save_file`` of
@@ -78,6 +78,11 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
     Until then ``path`` keeps its old content, or stays absent. When the block raises, the temporary file is removed.
     Temporary files that killed processes of this machine left for the same ``path`` are swept away first.
+
+    Args:
+        path: the file to make or replace.
+        durable: wait until the disk has it. Without, a kill still leaves all or nothing, but a power cut may leave
+            less: for files that can be told to be damaged and made again in no time.
 
     Raises:
         OutputError: the folder cannot be made or written, or the disk is full.
@@ -92,16 +97,18 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     try:
         with writing(path):
             yield temporary
-            descriptor = os.open(temporary, os.O_RDWR)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            if durable:
+                descriptor = os.open(temporary, os.O_RDWR)
+                try:
+                    os.fsync(descriptor)
+                finally:
+                    os.close(descriptor)
             temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    sync_folder(path.parent)
+    if durable:
+        sync_folder(path.parent)
 
 
 def seal(path: Path) -> None:

@@ -5,6 +5,8 @@ robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and late
 either breaks late and obscurely, so the package refuses to start and says what to install.
 """
 
+from collections.abc import Mapping
+from functools import cache
 from importlib import metadata
 
 from ocplanner.errors import VersionError
@@ -59,6 +61,11 @@ def check_pin(package: str, lowest: tuple[int, ...], above: tuple[int, ...], req
 
 def installed() -> dict[str, str]:
     """Versions of the packages that results record; a package that is not installed is left out."""
+    return dict(_installed())
+
+
+@cache
+def _installed() -> Mapping[str, str]:
     versions = {}
     for package in REPORTED:
         try:

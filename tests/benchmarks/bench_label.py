@@ -2,8 +2,9 @@
 
 Run from the repository's root, after ``ocplanner render square_ph.hdf5 masked.hdf5``:
 ``python tests/benchmarks/bench_label.py --data square_ph.hdf5 --pictures masked.hdf5``. One thread. Whole jobs take
-turns in one process: files are read, planned on, compressed, written and put in their places. Ours checks its input
-and can be stopped at any moment; the other does neither. Memory is that of new processes which label a tenth of the
+turns in one process: files are read, planned on, written and put in their places. Ours checks its input and can be
+stopped at any moment; the other does neither. They are timed with the planner that is given and with a ResNet18 of
+random weights, whose rewards mean nothing but must agree as well. Memory is that of new processes which label a tenth of the
 file, the file, and one ten times as long, made of the same demonstrations under further names.
 """
 
@@ -21,6 +22,10 @@ from typing import Any
 import h5py
 import numpy as np
 import torch
+
+sys.path.append(str(Path(__file__).parents[1]))  # random planner files are made by tests/random_planner.py
+
+from cases import RESNET18
 from machine import machine_and_load
 from planner_weights import PlannerWeights
 from timing import interleaved
@@ -31,6 +36,7 @@ from ocplanner.planner.planner import Planner
 from ocplanner.rewards import LabelSettings, label_dataset
 from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
+from random_planner import write_random_planner
 
 _SETTINGS = LabelSettings(hints=False, reward="augment")
 
@@ -109,7 +115,14 @@ def main() -> None:
     parser.add_argument("--times", type=int, default=10, help="how many times as long the longest file is")
     parser.add_argument("--output", type=Path, default=Path("results/bench_label.json"))
     options = parser.parse_args()
-    timed = speed(options.planner, options.data, options.pictures, options.demos, options.seconds)
+    with tempfile.TemporaryDirectory() as scratch:
+        resnet18 = Path(scratch, "resnet18.safetensors")
+        seen = Planner.load(options.planner).config
+        write_random_planner(resnet18, **RESNET18, **{key: seen[key] for key in ("observe", "visual", "mask_rgb")})
+        timed = {
+            name: speed(planner, options.data, options.pictures, options.demos, options.seconds)
+            for name, planner in {"given": options.planner, "resnet18": resnet18}.items()
+        }
     print(json.dumps(timed), flush=True)  # noqa: T201
     with tempfile.TemporaryDirectory() as scratch, Demonstrations(options.data) as recorded:
         folder = Path(scratch)

@@ -18,7 +18,7 @@ from random_planner import random_images, write_random_planner
 
 _TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
 
-_RESNET18 = {
+RESNET18 = {
     "horizon": 50,
     "latent": 32,
     "encoder": {"type": "resnet18", "pool": "spatial_softmax", "keypoints": 32, "feature": 64},
@@ -159,7 +159,7 @@ def _planner_file(encoder: str, folder: Path) -> Path:
     if encoder == "cpu h20":
         return _TRAINED
     path = folder / "planner.safetensors"
-    write_random_planner(path, **_RESNET18)
+    write_random_planner(path, **RESNET18)
     return path
 
 

@@ -217,12 +217,13 @@ class Demonstration:
         return self._read(f"{group}/{key}", rows=rows)
 
     def _read(self, key: str, dims: int | None = None, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-        shape = self._file.shape(self._key(key))
-        if dims is not None and len(shape) != dims:
-            raise self._error(key, f"shape {shape}, expected {dims} dimension(s)", "record it again")
-        if shape[0] != self.length:
-            raise self._error(key, f"shape {shape}, but there are {self.length} actions", "record it again")
-        return self._file.read(self._key(key), rows)
+        def check(shape: tuple[int, ...]) -> None:
+            if dims is not None and len(shape) != dims:
+                raise self._error(key, f"shape {shape}, expected {dims} dimension(s)", "record it again")
+            if shape[0] != self.length:
+                raise self._error(key, f"shape {shape}, but there are {self.length} actions", "record it again")
+
+        return self._file.read(self._key(key), rows, check)
 
     def _finite(self, key: str, dims: int) -> np.ndarray:
         array = self._read(key, dims)

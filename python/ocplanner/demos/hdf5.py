@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -73,10 +73,21 @@ class HDF5File:
         with self.reading(key) as handle:
             return self._array(handle, key).shape
 
-    def read(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """The array at ``key``, or some of its rows (an index array must increase)."""
+    def read(
+        self,
+        key: str,
+        rows: slice | np.ndarray = slice(None),
+        check: Callable[[tuple[int, ...]], None] | None = None,
+    ) -> np.ndarray:
+        """The array at ``key``, or some of its rows (an index array must increase).
+
+        ``check`` is called with the whole array's shape before anything is read.
+        """
         with self.reading(key) as handle:
-            return np.asarray(self._array(handle, key)[_as_slice(rows)])
+            array = self._array(handle, key)
+            if check is not None:
+                check(array.shape)
+            return np.asarray(array[_as_slice(rows)])
 
     def arrays(self, key: str) -> tuple[str, ...]:
         """The paths, relative to the group at ``key``, of all arrays below it."""

@@ -44,6 +44,8 @@ class DatasetWriter:
         resume: continue what an interrupted writer with the same ``env_args`` and ``data_attrs`` left; otherwise
             discard it.
         overwrite: replace a file that exists at ``path``.
+        durable: each demonstration survives a power cut, not only a kill. Without, one that it damaged is refused when
+            the writer is resumed; the finished file is safe either way.
 
     Raises:
         OutputError: ``path`` exists, another process writes it, the folder is not writable, or an interrupted writer
@@ -58,8 +60,9 @@ class DatasetWriter:
         data_attrs: Mapping[str, Any] | None = None,
         resume: bool = True,
         overwrite: bool = False,
+        durable: bool = True,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._durable = Path(path), durable
         self.parts = self.path.with_name(f"{self.path.name}.parts")
         self._attrs: dict[str, Any] = {"env_args": json.dumps(dict(env_args)), **(data_attrs or {})}
         self._resources = contextlib.ExitStack()
@@ -171,7 +174,7 @@ class DatasetWriter:
     @contextlib.contextmanager
     def _part(self, name: str) -> Iterator[h5py.File]:
         """A new file for one demonstration, which appears when the block ends."""
-        with _saving(self.path), atomic_write(self.parts / f"{name}.hdf5") as temporary:
+        with _saving(self.path), atomic_write(self.parts / f"{name}.hdf5", self._durable) as temporary:
             with _create(temporary) as file:
                 yield file
             seal(temporary)

@@ -77,7 +77,7 @@ def label_dataset(
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         record = {**labeller.record(), "source": _identity(demos), "pictures": drawn and _identity(drawn)}
         attrs[LABEL_ATTRIBUTE] = json.dumps(record, sort_keys=True)
-        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
+        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite, durable=False) as writer:
             done = set(writer.done)
             for name in sorted(names, key=lambda name: name not in done):
                 if name not in done:
