@@ -4,8 +4,8 @@ Run from the repository's root, after ``ocplanner render square_ph.hdf5 masked.h
 ``python tests/benchmarks/bench_label.py --data square_ph.hdf5 --pictures masked.hdf5``. One thread. Whole jobs take
 turns in one process: files are read, planned on, written and put in their places. Ours checks its input and can be
 stopped at any moment; the other does neither. They are timed with the planner that is given and with a ResNet18 of
-random weights, whose rewards mean nothing but must agree as well. Memory is that of new processes which label a tenth of the
-file, the file, and one ten times as long, made of the same demonstrations under further names.
+random weights, whose rewards mean nothing but must agree as well. Memory is that of new processes which label a tenth
+of the file, the file, and one ten times as long, made of the same demonstrations under further names.
 """
 
 import argparse
