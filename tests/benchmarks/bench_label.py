@@ -10,7 +10,6 @@ of the file, the file, and one ten times as long, made of the same demonstration
 
 import argparse
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -38,6 +37,14 @@ from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 from random_planner import write_random_planner
 
+# The kernel counts a child's peak from its parent's size on, but VmHWM from its own start.
+_PEAK = """
+import re, sys
+from ocplanner.cli import main
+status = main(sys.argv[1:])
+print(re.search("VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])
+sys.exit(status)
+"""
 _SETTINGS = LabelSettings(hints=False, reward="augment")
 
 
@@ -95,13 +102,11 @@ def memory(planner: Path, source: Path, pictures: Path, limit: int | None, folde
         demos = len(recorded.names[:limit])
     flags = ["--planner", planner, "--pictures", pictures, "--no-hints", "--reward", "augment", "--overwrite"]
     flags += [] if limit is None else ["--limit", str(limit)]
-    command = [sys.executable, "-m", "ocplanner", "label", source, folder / "labelled.hdf5", *flags]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
+    command = [sys.executable, "-c", _PEAK, "label", source, folder / "labelled.hdf5", *flags]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
+    if done.returncode:
         raise SystemExit(f"{shlex.join(map(str, command))} failed")
-    return {"demonstrations": demos, "peak MiB": usage.ru_maxrss // 1024}
+    return {"demonstrations": demos, "peak MiB": int(done.stdout.split()[-1]) // 1024}
 
 
 def main() -> None:
