@@ -52,8 +52,16 @@ class HintKind(NamedTuple):
         return f"k = {self.horizon_step}, from the {self.hint_from}{_NAMES[self.use]}"
 
 
+_WEIGHTS = {"exp": ["--a", "2500", "--b", "25", "--scale", "1"]}
+
+
 class RewardKind(NamedTuple):
-    """Which reward is learned from: how the plan's joins the recorded one, and its form."""
+    """Which reward is learned from: how the plan's joins the recorded one, and its form.
+
+    Attributes:
+        mode: ``augment`` or ``only``, see ``ocplanner label``.
+        form: with the paper's weights (``exp`` has its own, by which 2 cm count as much as 0.2 rad).
+    """
 
     mode: str
     form: str
@@ -66,7 +74,7 @@ class RewardKind(NamedTuple):
     @property
     def label_flags(self) -> list[str]:
         """Of ``ocplanner label``."""
-        return ["--no-hints", "--reward", self.mode, "--form", self.form]
+        return ["--no-hints", "--reward", self.mode, "--form", self.form, *_WEIGHTS.get(self.form, [])]
 
     @property
     def training_flags(self) -> list[str]:
@@ -86,6 +94,8 @@ VARIANTS: dict[str, HintKind | RewardKind] = {
     "augment": RewardKind("augment", "penalty"),
     "only": RewardKind("only", "penalty"),
     "only-literal": RewardKind("only", "literal"),
+    "augment-exp": RewardKind("augment", "exp"),
+    "only-exp": RewardKind("only", "exp"),
 }
 """By the name in file names. k1 is the paper's hint."""
 
@@ -135,9 +145,9 @@ def table1_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
 
 
 def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
-    """Every cell of Table 2 for every seed, and the reward with the sign that the paper prints, from states."""
-    cells = [("state", ""), ("image", ""), ("image", "augment"), ("image", "only")]
-    cells += [("state", "only"), ("state", "only-literal")]
+    """Every cell of Table 2 for every seed; the bounded reward; and the sign that the paper prints, from states."""
+    cells = [("state", ""), *(("image", reward) for reward in ("", "only-exp", "augment-exp", "only", "augment"))]
+    cells += [("state", "only-exp"), ("state", "only"), ("state", "only-literal")]
     return tuple(PolicyExperiment("bcq", *cell, seed) for seed in seeds for cell in cells)
 
 
