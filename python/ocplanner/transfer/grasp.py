@@ -5,7 +5,7 @@ import numpy as np
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, OPEN, Body, Foresight, Reading, raised
+from ocplanner.transfer.body import CLOSE, OPEN, STAY, Body, Foresight, Reading, raised
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -25,9 +25,11 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
         now: what is sensed before the approach.
         reach: where the arm gets to; without it no grasp is passed over.
     """
-    site = Pose(np.zeros(3), robot.rotation_grasp_site)
+    site = Pose(-robot.rotation_grasp_site @ robot.middle, robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
     candidates = [leaning(grasp.pose_object_eef, robot.lean, inward) @ site for grasp in spec.grasps]
+    if robot.middle[1]:
+        candidates = [c for c, grasp in zip(candidates, spec.grasps, strict=True) if _outward(c, grasp.pose_object_eef)]
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
@@ -38,6 +40,12 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
         if rooms[-1] > 0:
             return grasp
     return candidates[int(np.argmax(rooms))]
+
+
+def _outward(hand: Pose, grasp: Pose) -> bool:
+    """Whether the middle of the hand is no nearer to the object's middle than what its fingers close on."""
+    beside = grasp.position[:2]
+    return float((hand.position[:2] - beside) @ beside) >= 0 or float(np.linalg.norm(beside)) < _BESIDE
 
 
 def _turn_inward(beside: np.ndarray, outward: np.ndarray) -> float:
@@ -79,16 +87,17 @@ def take_hold(
     Raises:
         HorizonReached: the episode ended before.
     """
+    wide = opening_before(spec, robot)
     for _ in range(settings.settle_steps):
-        body.wait(OPEN)
+        body.wait(toward(wide, body.read().opening))
     grasp = choose_grasp(spec, robot, body.read(), reach)
-    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
-    _approach(body, grasp, settings.clearance, settings.near, settings)
+    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, wide, settings)
+    _approach(body, grasp, settings.clearance, settings.near, wide, settings)
     _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
     held_at = body.read()
     grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
-        now = body.move_hand(lifted, CLOSE)
+        now = body.move_hand(lifted, body.holding)
         if not is_held(now, grip_point, settings):
             return None
         if now.eef.position[2] > lifted.position[2] - settings.near:
@@ -96,17 +105,30 @@ def take_hold(
     return None
 
 
+def opening_before(spec: ObjectSpec, robot: RobotSpec) -> float:
+    """Gap to which the fingers open before a grasp, metres."""
+    widths = [grasp.width for grasp in spec.grasps]
+    if robot.spread is None or None in widths:
+        return np.inf
+    return max(width for width in widths if width is not None) + robot.spread
+
+
+def toward(wide: float, opening: float) -> float:
+    """The gripper's command on the way to a gap: it opens, and stays once it is as wide."""
+    return OPEN if opening < wide else STAY
+
+
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
     """Whether the hand still is where it took hold of the object; the object may turn in the grip."""
     return float(np.linalg.norm(now.grip_point - grip_point)) < settings.held
 
 
-def _approach(body: Body, grasp: Pose, height: float, near: float, settings: GraspSettings) -> None:
+def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, settings: GraspSettings) -> None:
     """Move above the grasp; the object is watched all along, since the hand may push it."""
     still, before = 0, body.read().eef.position
     for _ in range(settings.approach_steps):
         target = raised(body.read().object @ grasp, height)
-        now = body.move_hand(target, OPEN)
+        now = body.move_hand(target, toward(wide, body.read().opening))
         moved = float(np.linalg.norm(now.eef.position - before))
         before = now.eef.position
         if (
@@ -128,7 +150,9 @@ def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) ->
         still = still + 1 if abs(now.opening - opening) < settings.still else 0
         opening = now.opening
         if still >= _STILL_STEPS:
-            return
+            break
+    for _ in range(robot.squeeze_steps):
+        body.move_hand(hand, CLOSE)
 
 
 def open_fingers(body: Body, robot: RobotSpec, settings: GraspSettings) -> None:
