@@ -23,6 +23,8 @@ class RobotSpec:
             holds beside its middle, and has a wrist with limits: grasps are chosen that leave room for that turn.
         holding: the gripper's action while it holds: 1 closes on; 0 leaves its command where it is, for fingers that
             press two against one and would push out what they hold.
+        spare_finger: start of the names of a finger that does not meet the one opposite; the opening is that between the
+            others.
         squeeze_steps: control steps that the fingers go on closing after they have met the object.
         spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
             metres; None: fully. A slow gripper has no time for more.
@@ -37,6 +39,7 @@ class RobotSpec:
     inward: bool = False
     holding: float = 1.0
     squeeze_steps: int = 0
+    spare_finger: str | None = None
     spread: float | None = None
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
@@ -57,7 +60,7 @@ ROBOTS = {
         RobotSpec("UR5e"),
         RobotSpec("IIWA", inward=True),
         RobotSpec("Kinova3", lean=0.3),
-        RobotSpec("Jaco", stroke_steps=200, lean=0.3, holding=0.0, squeeze_steps=36, spread=0.02, middle=(0.0, 0.0, 0.01)),
+        RobotSpec("Jaco", stroke_steps=200, lean=0.1, holding=0.0, spare_finger="pinky", squeeze_steps=36, spread=0.02, middle=(0.0, 0.015, 0.008)),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),
     )
 }
