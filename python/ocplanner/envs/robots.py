@@ -60,7 +60,16 @@ ROBOTS = {
         RobotSpec("UR5e"),
         RobotSpec("IIWA", inward=True),
         RobotSpec("Kinova3", lean=0.3),
-        RobotSpec("Jaco", stroke_steps=200, lean=0.1, holding=0.0, spare_finger="pinky", squeeze_steps=36, spread=0.02, middle=(0.0, 0.015, 0.008)),
+        RobotSpec(
+            "Jaco",
+            stroke_steps=200,
+            lean=0.3,
+            holding=0.0,
+            squeeze_steps=36,
+            spare_finger="pinky",
+            spread=0.014,
+            middle=(0.0, 0.013, 0.005),
+        ),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),
     )
 }

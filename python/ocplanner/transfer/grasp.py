@@ -16,8 +16,9 @@ _BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside 
 def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresight | None = None) -> Pose:
     """The end-effector pose, in the object's frame, of the grasp that turns the wrist least.
 
-    Passed over, for an arm that has to bring its hand inward, is a grasp with which the wrist would come to its limit
-    while the object is turned so that the hand is on the robot's side.
+    Passed over are grasps with which a spare finger would come down on the object and, for an arm that has to bring its
+    hand inward, those with which the wrist would come to its limit while the object is turned so that the hand is on the
+    robot's side.
 
     Args:
         spec: the object and its grasps.
@@ -27,9 +28,13 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
     """
     site = Pose(-robot.rotation_grasp_site @ robot.middle, robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
-    candidates = [leaning(grasp.pose_object_eef, robot.lean, inward) @ site for grasp in spec.grasps]
-    if robot.middle[1]:
-        candidates = [c for c, grasp in zip(candidates, spec.grasps, strict=True) if _outward(c, grasp.pose_object_eef)]
+    candidates = [_hand(grasp.pose_object_eef, robot, site, inward) for grasp in spec.grasps]
+    if robot.spare_finger is not None:
+        candidates = [
+            hand
+            for hand, grasp in zip(candidates, spec.grasps, strict=True)
+            if _points_away(hand, grasp.pose_object_eef.position)
+        ]
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
@@ -42,10 +47,16 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
     return candidates[int(np.argmax(rooms))]
 
 
-def _outward(hand: Pose, grasp: Pose) -> bool:
-    """Whether the middle of the hand is no nearer to the object's middle than what its fingers close on."""
-    beside = grasp.position[:2]
-    return float((hand.position[:2] - beside) @ beside) >= 0 or float(np.linalg.norm(beside)) < _BESIDE
+def _hand(grasp: Pose, robot: RobotSpec, site: Pose, inward: np.ndarray | None) -> Pose:
+    """The end-effector pose of a grasp; a hand whose spare finger would then reach lower does not lean outward."""
+    upright = robot.spare_finger is not None and np.linalg.norm(grasp.position[:2]) > _BESIDE
+    return leaning(grasp, 0.0 if upright else robot.lean, inward) @ site
+
+
+def _points_away(hand: Pose, grasp: np.ndarray) -> bool:
+    """Whether a spare finger has room: what is held is the object's middle, or the hand's middle lies beyond it."""
+    beside = grasp[:2]
+    return float(np.linalg.norm(beside)) < _BESIDE or float((hand.position[:2] - beside) @ beside) >= 0
 
 
 def _turn_inward(beside: np.ndarray, outward: np.ndarray) -> float:
@@ -158,11 +169,12 @@ def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) ->
 def open_fingers(body: Body, robot: RobotSpec, settings: GraspSettings) -> None:
     """Open until the object is free; a slow gripper's fingers rest at first, while its command unwinds."""
     before = start = body.read().opening
+    freed = settings.freed if robot.spread is None else robot.spread
     still = 0
     for _ in range(robot.stroke_steps):
         now = body.wait(OPEN)
         still = still + 1 if abs(now.opening - before) < settings.still else 0
         before = now.opening
         opened = now.opening - start
-        if opened > settings.freed or (opened > settings.near and still >= 2):
+        if opened > freed or (opened > settings.near and still >= 2):
             return

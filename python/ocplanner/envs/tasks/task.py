@@ -88,7 +88,9 @@ class Task:
         raise UnknownNameError("object", name, (candidate.name for candidate in self.objects))
 
 
-def top_grasp(name: str, position: tuple[float, float, float], yaw: float = 0.0, width: float | None = None) -> GraspFrame:
+def top_grasp(
+    name: str, position: tuple[float, float, float], yaw: float = 0.0, width: float | None = None
+) -> GraspFrame:
     """A grasp from above.
 
     Args:
