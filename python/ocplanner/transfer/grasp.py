@@ -16,25 +16,23 @@ _BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside 
 def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresight | None = None) -> Pose:
     """The end-effector pose, in the object's frame, of the grasp that turns the wrist least.
 
-    Passed over are grasps with which a spare finger would come down on the object and, for an arm that has to bring its
-    hand inward, those with which the wrist would come to its limit while the object is turned so that the hand is on the
-    robot's side.
+    Passed over are grasps with which a spare finger would come down on the object and, for an arm that has to bring
+    its hand inward, those with which the wrist would come to its limit while the object is turned so that the hand is
+    on the robot's side.
 
     Args:
         spec: the object and its grasps.
         robot: the arm.
         now: what is sensed before the approach.
-        reach: where the arm gets to; without it no grasp is passed over.
+        reach: where the arm gets to; without it no grasp is passed over for the wrist's limit.
     """
     site = Pose(-robot.rotation_grasp_site @ robot.middle, robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
     candidates = [_hand(grasp.pose_object_eef, robot, site, inward) for grasp in spec.grasps]
     if robot.spare_finger is not None:
-        candidates = [
-            hand
-            for hand, grasp in zip(candidates, spec.grasps, strict=True)
-            if _points_away(hand, grasp.pose_object_eef.position)
-        ]
+        pairs = zip(candidates, spec.grasps, strict=True)
+        free = [hand for hand, grasp in pairs if _points_away(hand, grasp.pose_object_eef.position)]
+        candidates = free or candidates
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
@@ -99,12 +97,13 @@ def take_hold(
         HorizonReached: the episode ended before.
     """
     wide = opening_before(spec, robot)
+    met = 0.0 if robot.spread is None or wide == np.inf else wide - robot.spread
     for _ in range(settings.settle_steps):
         body.wait(toward(wide, body.read().opening))
     grasp = choose_grasp(spec, robot, body.read(), reach)
     _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, wide, settings)
     _approach(body, grasp, settings.clearance, settings.near, wide, settings)
-    _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
+    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings)
     held_at = body.read()
     grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
@@ -153,14 +152,17 @@ def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, 
             return
 
 
-def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) -> None:
-    """Close until the fingers stop; a stroke takes 12 steps for one gripper and 200 for another."""
+def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: GraspSettings) -> None:
+    """Close until the fingers stop, or are so near each other that they have met the object, and squeeze.
+
+    A stroke takes 12 steps for one gripper and 200 for another.
+    """
     opening, still = body.read().opening, 0
     for _ in range(robot.stroke_steps + 2 * _STILL_STEPS):
         now = body.move_hand(hand, CLOSE)
         still = still + 1 if abs(now.opening - opening) < settings.still else 0
         opening = now.opening
-        if still >= _STILL_STEPS:
+        if still >= _STILL_STEPS or opening < met:
             break
     for _ in range(robot.squeeze_steps):
         body.move_hand(hand, CLOSE)

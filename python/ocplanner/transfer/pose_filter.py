@@ -14,9 +14,9 @@ _WORLD = Pose(np.zeros(3), np.eye(3))
 class FilteredArm:
     """An arm whose program reads a running mean of the object's estimated poses; all else is the arm's own.
 
-    Once the gripper is told to close, until it is told to open, the object is taken to move with the hand, so that what is averaged is its pose
-    in the hand's frame; otherwise it is taken to lie still in the world. A late estimate is put together with where the
-    hand was then, so that the object's motion with the hand since then is made up for.
+    From when the gripper is told to close until it is told to open, the object is taken to move with the hand, so that
+    what is averaged is its pose in the hand's frame; otherwise it is taken to lie still in the world. A late estimate
+    is put together with where the hand was then, so that the object's motion with the hand since then is made up for.
 
     Args:
         arm: the arm, its episode just begun.
