@@ -20,3 +20,10 @@ def test_the_grasp_frames_x_is_the_closing_axis(name: str):
 def test_an_unknown_robot_lists_the_known():
     with pytest.raises(UnknownNameError, match="Panda, Sawyer"):
         robot("PR2")
+
+
+@pytest.mark.parametrize("name", sorted(ROBOTS))
+def test_what_only_a_gripper_with_a_spare_finger_has_is_said_whole(name: str):
+    spec = robot(name)
+    assert (spec.spare_finger is None) == (spec.middle == (0.0, 0.0, 0.0))
+    assert (spec.holding == 1.0) == (spec.squeeze_steps == 0)

@@ -36,6 +36,24 @@ def test_an_arm_inserts_the_nut_and_lets_go(robot):
         assert len(episode.trace.readings) == len(episode.trace.phases) == episode.steps
 
 
+def test_a_slow_gripper_takes_the_cube_and_keeps_it():
+    class Up:
+        def plan(self, images):
+            here = env.object_pose().position + np.array([0.0, 0.0, 0.06])
+            return SimpleNamespace(position=np.linspace(here, np.append(here[:2], 0.9), 20)[None], rotation=None)
+
+    with make_env("Lift", "Jaco", cameras=()) as env:
+        episode = run_episode(env, Up(), 501)
+        assert episode.success, episode.failure
+    assert episode.steps < 200
+    held = [
+        reading
+        for reading, phase in zip(episode.trace.readings, episode.trace.phases, strict=True)
+        if phase == "transit"
+    ]
+    assert np.ptp([reading.grip_point for reading in held], axis=0).max() < 0.01
+
+
 def test_the_same_seed_gives_the_same_episode():
     with make_env("Square", "Panda", cameras=()) as env:
         first, _, again = (run_episode(env, KnowingPlanner(env), seed) for seed in (502, 503, 502))

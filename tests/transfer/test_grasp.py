@@ -1,11 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ocplanner.envs.robots import robot
 from ocplanner.envs.tasks import task
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import Reading
-from ocplanner.transfer.grasp import choose_grasp, leaning
+from ocplanner.transfer.body import OPEN, STAY, Reading
+from ocplanner.transfer.grasp import choose_grasp, leaning, opening_before, toward
 from ocplanner.transfer.symmetry import angle_between
 
 NUT = task("Square").object()
@@ -61,3 +63,35 @@ def test_the_grasp_that_turns_the_wrist_least_unless_it_would_reach_its_limit():
     assert abs(free.turns[0]) == pytest.approx(np.pi)  # the handle points away from the robot
     chosen = choose_grasp(NUT, robot("IIWA"), now, Wrist(second.rotation))
     assert angle_between(chosen.rotation, first.rotation) < 1e-6
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi])
+def test_a_spare_finger_points_away_from_an_object_that_is_held_beside_its_middle(turn):
+    jaco = robot("Jaco")
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    first = NUT.grasps[0].pose_object_eef
+    now = Reading(Pose(np.array([0.4, 0.1, 0.83]), np.eye(3)), Pose(np.zeros(3), rotation @ first.rotation), 0.08)
+    chosen = choose_grasp(NUT, jaco, now, Wrist(None))
+    spare = chosen.position - 0.02 * chosen.rotation[:, 1]
+    assert spare[0] > first.position[0] + 0.03  # beyond the handle's end
+    held = chosen.position + chosen.rotation @ jaco.middle
+    np.testing.assert_allclose(held, first.position, atol=1e-12)
+    assert chosen.rotation[2, 2] == pytest.approx(-1.0)  # upright
+
+
+def test_where_a_spare_finger_has_no_room_at_all_a_grasp_is_chosen_all_the_same():
+    inner = replace(robot("Jaco"), middle=(0.0, 0.013, 0.0))
+    one_sided = replace(NUT, grasps=(NUT.grasps[0],))
+    other = replace(NUT, grasps=(NUT.grasps[1],))
+    now = Reading(Pose(np.zeros(3), np.eye(3)), Pose(np.zeros(3), np.eye(3)), 0.08)
+    assert {choose_grasp(spec, inner, now).position.size for spec in (one_sided, other)} == {3}
+
+
+def test_a_slow_gripper_opens_as_far_as_the_object_needs_and_others_fully():
+    jaco, can = robot("Jaco"), task("Can").object()
+    assert opening_before(can, jaco) == pytest.approx(0.05 + jaco.spread)
+    assert opening_before(can, robot("Panda")) == np.inf
+    unknown = replace(can, grasps=tuple(replace(grasp, width=None) for grasp in can.grasps))
+    assert opening_before(unknown, jaco) == np.inf
+    assert toward(0.07, 0.06) == OPEN
+    assert toward(0.07, 0.071) == STAY

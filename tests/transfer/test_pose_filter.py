@@ -8,7 +8,7 @@ from ocplanner.pose import Pose
 from ocplanner.transfer.pose_error import ErringArm, PoseError
 from ocplanner.transfer.pose_filter import FilteredArm
 
-OPEN, CLOSE = np.append(np.zeros(6), -1.0), np.append(np.zeros(6), 1.0)
+OPEN, STAY, CLOSE = (np.append(np.zeros(6), grip) for grip in (-1.0, 0.0, 1.0))
 
 
 class Carrying:
@@ -19,13 +19,16 @@ class Carrying:
 
     def __init__(self) -> None:
         self.hand = Pose(np.array([0.0, 0.1, 0.9]), np.eye(3))
+        self.closed = False
         self.object = Pose(np.array([0.02, 0.1, 0.8]), Rotation.from_euler("z", 0.4).as_matrix())
 
     def step(self, action) -> None:
         held = self.hand.inverse() @ self.object
         turn = Rotation.from_euler("x", 0.02).as_matrix()
         self.hand = Pose(self.hand.position + np.array([0.0, 0.0, 0.01]), turn @ self.hand.rotation)
-        if action[-1] > 0:
+        if action[-1] != 0:
+            self.closed = action[-1] > 0
+        if self.closed:
             self.object = self.hand @ held
 
     def object_pose(self) -> Pose:
@@ -56,7 +59,7 @@ def test_without_noise_nothing_lags_behind(action, latency):
 def test_grasping_and_letting_go_leave_no_jump():
     truth = Carrying()
     arm = FilteredArm(ErringArm(truth, PoseError(), 0), 8, 0)
-    for action in (OPEN, CLOSE, CLOSE, OPEN, OPEN, CLOSE):
+    for action in (OPEN, CLOSE, STAY, STAY, CLOSE, OPEN, STAY, OPEN, CLOSE):
         arm.step(action)
         assert off(arm, truth) < 1e-9
 

@@ -106,7 +106,7 @@ class ManipulationEnv:
             site=int(self._robot.eef_site_id[arm]),
         )
         self._base_site = model.site(f"{self._robot.robot_model.naming_prefix}{arm}_center").id
-        self._gripper = Gripper(self._robot, model, self.data)
+        self._gripper = Gripper(self._robot, model, self.data, self.robot.spare_finger)
 
     @property
     def sim(self) -> Any:

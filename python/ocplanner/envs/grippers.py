@@ -19,9 +19,10 @@ class Gripper:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
+        spare_finger: see :class:`ocplanner.envs.robots.RobotSpec`.
     """
 
-    def __init__(self, robot: Any, model: Any, data: Any) -> None:
+    def __init__(self, robot: Any, model: Any, data: Any, spare_finger: str | None = None) -> None:
         arm = robot.arms[0]
         self._gripper = robot.gripper[arm]
         self._model = model
@@ -32,7 +33,7 @@ class Gripper:
         self._pinned_dofs = np.array(robot._ref_joint_vel_indexes)
         self.fingers = tuple(self._geoms(side, (f"{side}_finger", f"{side}_fingerpad")) for side in ("left", "right"))
         self._is_finger = [np.isin(np.arange(model.ngeom), side) for side in self.fingers]
-        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",)) for side in ("left", "right"))
+        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",), spare_finger) for side in ("left", "right"))
 
     @property
     def opening(self) -> float:
@@ -94,9 +95,11 @@ class Gripper:
         ]
         return max(0.0, float(min(gaps)))
 
-    def _geoms(self, side: str, groups: tuple[str, ...]) -> np.ndarray:
+    def _geoms(self, side: str, groups: tuple[str, ...], without: str | None = None) -> np.ndarray:
         """Ids of one side's geoms: those that robosuite names, else the colliding geoms of that side's bodies."""
         named = [name for group in groups for name in self._gripper.important_geoms.get(group, ())]
+        if without is not None:
+            named = [name for name in named if not name.startswith(self._gripper.naming_prefix + without)]
         ids = {mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in named} - {-1}
         if not ids:
             prefix = f"{self._gripper.naming_prefix}{side}_finger"

@@ -21,6 +21,14 @@ class RobotSpec:
             the base: 0.3 rad gains 4 to 7 cm.
         inward: whether the arm reaches the far end of its table only with the hand on its own side of an object that it
             holds beside its middle, and has a wrist with limits: grasps are chosen that leave room for that turn.
+        holding: the gripper's action while it holds: 1 closes on; 0 leaves its command where it is, for fingers that
+            press two against one and would push out what they hold.
+        spare_finger: start of the names of a finger that does not meet the one opposite, so that an object is pinched
+            between the others, whose gap is the opening.
+        squeeze_steps: control steps that the fingers go on closing after they have met the object.
+        spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
+            metres; None: fully. A slow gripper has no time for more.
+        middle: where the middle of what the fingers close on comes to lie in the end-effector site's frame, metres.
         patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
     """
 
@@ -29,6 +37,11 @@ class RobotSpec:
     stroke_steps: int = 20
     lean: float = 0.0
     inward: bool = False
+    holding: float = 1.0
+    squeeze_steps: int = 0
+    spare_finger: str | None = None
+    spread: float | None = None
+    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
 
     @property
@@ -47,7 +60,16 @@ ROBOTS = {
         RobotSpec("UR5e"),
         RobotSpec("IIWA", inward=True),
         RobotSpec("Kinova3", lean=0.3),
-        RobotSpec("Jaco", stroke_steps=200, lean=0.3),
+        RobotSpec(
+            "Jaco",
+            stroke_steps=200,
+            lean=0.3,
+            holding=0.0,
+            squeeze_steps=36,
+            spare_finger="pinky",
+            spread=0.02,
+            middle=(0.0, 0.013, 0.005),
+        ),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),
     )
 }

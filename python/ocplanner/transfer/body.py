@@ -8,7 +8,7 @@ import numpy as np
 from ocplanner import _core
 from ocplanner.pose import Pose
 
-OPEN, CLOSE = -1.0, 1.0
+OPEN, STAY, CLOSE = -1.0, 0.0, 1.0
 
 
 class Arm(Protocol):
@@ -61,6 +61,7 @@ class Body:
         law: how a pose difference becomes an action.
         horizon: steps until :class:`HorizonReached`.
         on_step: called after every step with the reading.
+        holding: the gripper's command while it holds, see :class:`ocplanner.envs.robots.RobotSpec`.
     """
 
     def __init__(
@@ -69,12 +70,14 @@ class Body:
         law: _core.DeltaPoseLaw,
         horizon: int,
         on_step: Callable[[Reading], None] | None = None,
+        holding: float = CLOSE,
     ) -> None:
         self._arm = arm
         self.law = law
         self.horizon = horizon
         self.steps = 0
         self._on_step = on_step
+        self.holding = holding
 
     def read(self) -> Reading:
         """Sense."""
@@ -99,10 +102,11 @@ class Body:
         """One control step without moving the hand."""
         return self.act(np.zeros(6), grip)
 
-    def move_object(self, target: Pose, grip: float = CLOSE) -> Reading:
+    def move_object(self, target: Pose) -> Reading:
         """One control step of the held object toward a pose."""
         now = self.read()
-        return self.act(_core.delta_pose_action(now.object, target, now.eef, self._arm.base_rotation, self.law), grip)
+        delta = _core.delta_pose_action(now.object, target, now.eef, self._arm.base_rotation, self.law)
+        return self.act(delta, self.holding)
 
     def move_hand(self, target: Pose, grip: float) -> Reading:
         """One control step of the hand toward a pose."""

@@ -13,7 +13,7 @@ from ocplanner.envs.kinematics import ArmJoints, Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading
 from ocplanner.transfer.follower import Follower
-from ocplanner.transfer.grasp import is_held, open_fingers, take_hold
+from ocplanner.transfer.grasp import is_held, open_fingers, opening_before, take_hold, toward
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -101,7 +101,7 @@ def run_episode(
     law = _core.DeltaPoseLaw(
         gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
     )
-    body = Body(env if sense is None else sense(env), law, env.horizon, note)
+    body = Body(env if sense is None else sense(env), law, env.horizon, note, env.robot.holding)
     program = _Program(env, planner, body, settings, trace, observe)
     with contextlib.suppress(HorizonReached):
         program.run()
@@ -187,7 +187,7 @@ class _Program:
     def _back_off(self) -> None:
         self._rise(self.settings.grasp.hover)
         for _ in range(self.env.robot.stroke_steps // 5):
-            self.body.wait(OPEN)
+            self.body.wait(toward(opening_before(self.env.task.object(), self.env.robot), self.body.read().opening))
 
     def _rise(self, height: float) -> None:
         start = self.body.read().eef

@@ -5,7 +5,7 @@ import numpy as np
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, OPEN, Body, Foresight, Reading, raised
+from ocplanner.transfer.body import CLOSE, OPEN, STAY, Body, Foresight, Reading, raised
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -16,18 +16,23 @@ _BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside 
 def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresight | None = None) -> Pose:
     """The end-effector pose, in the object's frame, of the grasp that turns the wrist least.
 
-    Passed over, for an arm that has to bring its hand inward, is a grasp with which the wrist would come to its limit
-    while the object is turned so that the hand is on the robot's side.
+    Passed over are grasps with which a spare finger would come down on the object and, for an arm that has to bring
+    its hand inward, those with which the wrist would come to its limit while the object is turned so that the hand is
+    on the robot's side.
 
     Args:
         spec: the object and its grasps.
         robot: the arm.
         now: what is sensed before the approach.
-        reach: where the arm gets to; without it no grasp is passed over.
+        reach: where the arm gets to; without it no grasp is passed over for the wrist's limit.
     """
-    site = Pose(np.zeros(3), robot.rotation_grasp_site)
+    site = Pose(-robot.rotation_grasp_site @ robot.middle, robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
-    candidates = [leaning(grasp.pose_object_eef, robot.lean, inward) @ site for grasp in spec.grasps]
+    candidates = [_hand(grasp.pose_object_eef, robot, site, inward) for grasp in spec.grasps]
+    if robot.spare_finger is not None:
+        pairs = zip(candidates, spec.grasps, strict=True)
+        free = [hand for hand, grasp in pairs if _points_away(hand, grasp.pose_object_eef.position)]
+        candidates = free or candidates
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
@@ -38,6 +43,18 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
         if rooms[-1] > 0:
             return grasp
     return candidates[int(np.argmax(rooms))]
+
+
+def _hand(grasp: Pose, robot: RobotSpec, site: Pose, inward: np.ndarray | None) -> Pose:
+    """The end-effector pose of a grasp; a hand whose spare finger would then reach lower does not lean outward."""
+    upright = robot.spare_finger is not None and np.linalg.norm(grasp.position[:2]) > _BESIDE
+    return leaning(grasp, 0.0 if upright else robot.lean, inward) @ site
+
+
+def _points_away(hand: Pose, grasp: np.ndarray) -> bool:
+    """Whether a spare finger has room: what is held is the object's middle, or the hand's middle lies beyond it."""
+    beside = grasp[:2]
+    return float(np.linalg.norm(beside)) < _BESIDE or float((hand.position[:2] - beside) @ beside) >= 0
 
 
 def _turn_inward(beside: np.ndarray, outward: np.ndarray) -> float:
@@ -79,16 +96,18 @@ def take_hold(
     Raises:
         HorizonReached: the episode ended before.
     """
+    wide = opening_before(spec, robot)
+    met = 0.0 if robot.spread is None or wide == np.inf else wide - robot.spread
     for _ in range(settings.settle_steps):
-        body.wait(OPEN)
+        body.wait(toward(wide, body.read().opening))
     grasp = choose_grasp(spec, robot, body.read(), reach)
-    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
-    _approach(body, grasp, settings.clearance, settings.near, settings)
-    _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
+    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, wide, settings)
+    _approach(body, grasp, settings.clearance, settings.near, wide, settings)
+    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings)
     held_at = body.read()
     grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
-        now = body.move_hand(lifted, CLOSE)
+        now = body.move_hand(lifted, body.holding)
         if not is_held(now, grip_point, settings):
             return None
         if now.eef.position[2] > lifted.position[2] - settings.near:
@@ -96,17 +115,30 @@ def take_hold(
     return None
 
 
+def opening_before(spec: ObjectSpec, robot: RobotSpec) -> float:
+    """Gap to which the fingers open before a grasp, metres."""
+    widths = [grasp.width for grasp in spec.grasps]
+    if robot.spread is None or None in widths:
+        return np.inf
+    return max(width for width in widths if width is not None) + robot.spread
+
+
+def toward(wide: float, opening: float) -> float:
+    """The gripper's command on the way to a gap: it opens, and stays once it is as wide."""
+    return OPEN if opening < wide else STAY
+
+
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
     """Whether the hand still is where it took hold of the object; the object may turn in the grip."""
     return float(np.linalg.norm(now.grip_point - grip_point)) < settings.held
 
 
-def _approach(body: Body, grasp: Pose, height: float, near: float, settings: GraspSettings) -> None:
+def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, settings: GraspSettings) -> None:
     """Move above the grasp; the object is watched all along, since the hand may push it."""
     still, before = 0, body.read().eef.position
     for _ in range(settings.approach_steps):
         target = raised(body.read().object @ grasp, height)
-        now = body.move_hand(target, OPEN)
+        now = body.move_hand(target, toward(wide, body.read().opening))
         moved = float(np.linalg.norm(now.eef.position - before))
         before = now.eef.position
         if (
@@ -120,25 +152,31 @@ def _approach(body: Body, grasp: Pose, height: float, near: float, settings: Gra
             return
 
 
-def _close(body: Body, hand: Pose, robot: RobotSpec, settings: GraspSettings) -> None:
-    """Close until the fingers stop; a stroke takes 12 steps for one gripper and 200 for another."""
+def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: GraspSettings) -> None:
+    """Close until the fingers stop, or are so near each other that they have met the object, and squeeze.
+
+    A stroke takes 12 steps for one gripper and 200 for another.
+    """
     opening, still = body.read().opening, 0
     for _ in range(robot.stroke_steps + 2 * _STILL_STEPS):
         now = body.move_hand(hand, CLOSE)
         still = still + 1 if abs(now.opening - opening) < settings.still else 0
         opening = now.opening
-        if still >= _STILL_STEPS:
-            return
+        if still >= _STILL_STEPS or opening < met:
+            break
+    for _ in range(robot.squeeze_steps):
+        body.move_hand(hand, CLOSE)
 
 
 def open_fingers(body: Body, robot: RobotSpec, settings: GraspSettings) -> None:
     """Open until the object is free; a slow gripper's fingers rest at first, while its command unwinds."""
     before = start = body.read().opening
+    freed = settings.freed if robot.spread is None else robot.spread
     still = 0
     for _ in range(robot.stroke_steps):
         now = body.wait(OPEN)
         still = still + 1 if abs(now.opening - before) < settings.still else 0
         before = now.opening
         opened = now.opening - start
-        if opened > settings.freed or (opened > settings.near and still >= 2):
+        if opened > freed or (opened > settings.near and still >= 2):
             return

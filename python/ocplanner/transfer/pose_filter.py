@@ -14,9 +14,9 @@ _WORLD = Pose(np.zeros(3), np.eye(3))
 class FilteredArm:
     """An arm whose program reads a running mean of the object's estimated poses; all else is the arm's own.
 
-    While the gripper is told to close, the object is taken to move with the hand, so that what is averaged is its pose
-    in the hand's frame; otherwise it is taken to lie still in the world. A late estimate is put together with where the
-    hand was then, so that the object's motion with the hand since then is made up for.
+    From when the gripper is told to close until it is told to open, the object is taken to move with the hand, so that
+    what is averaged is its pose in the hand's frame; otherwise it is taken to lie still in the world. A late estimate
+    is put together with where the hand was then, so that the object's motion with the hand since then is made up for.
 
     Args:
         arm: the arm, its episode just begun.
@@ -35,7 +35,7 @@ class FilteredArm:
         before = self.object_pose()
         hand = self._arm.eef_pose()
         self._arm.step(action)
-        if (action[-1] > 0) != self._closing:
+        if action[-1] != 0 and (action[-1] > 0) != self._closing:
             self._closing = not self._closing
             self._mean = (hand if self._closing else _WORLD).inverse() @ before
         self._hands.append(self._arm.eef_pose())

@@ -11,7 +11,7 @@ TASK = Task(
         ObjectSpec(
             name="Can",
             joint="Can_joint0",
-            grasps=tuple(top_grasp(f"around-{eighth}", (0.0, 0.0, 0.02), eighth * pi / 4) for eighth in range(8)),
+            grasps=tuple(top_grasp(f"around-{eighth}", (0.0, 0.0, 0.02), eighth * pi / 4, 0.05) for eighth in range(8)),
             yaw_fold=0,
         ),
     ),

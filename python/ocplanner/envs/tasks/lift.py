@@ -11,7 +11,9 @@ TASK = Task(
         ObjectSpec(
             name="cube",
             joint="cube_joint0",
-            grasps=tuple(top_grasp(f"sides-{quarter}", (0.0, 0.0, 0.0), quarter * pi / 2) for quarter in range(4)),
+            grasps=tuple(
+                top_grasp(f"sides-{quarter}", (0.0, 0.0, 0.0), quarter * pi / 2, 0.042) for quarter in range(4)
+            ),
             yaw_fold=0,
             let_go=False,
         ),

@@ -14,7 +14,7 @@ TASK = Task(
         ObjectSpec(
             name="SquareNut",
             joint="SquareNut_joint0",
-            grasps=(top_grasp("handle", _HANDLE, pi / 2), top_grasp("handle-turned", _HANDLE, -pi / 2)),
+            grasps=(top_grasp("handle", _HANDLE, pi / 2, 0.032), top_grasp("handle-turned", _HANDLE, -pi / 2, 0.032)),
             yaw_fold=4,
         ),
     ),

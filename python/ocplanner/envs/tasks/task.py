@@ -17,10 +17,12 @@ class GraspFrame:
         pose_object_eef: the grasp frame in the object's frame: x along which the fingers close, z out of the palm
             (the approach), the origin midway between the finger tips. A robot's own end-effector site may be turned
             against it: see :attr:`ocplanner.envs.robots.RobotSpec.rotation_grasp_site`.
+        width: of the object where it is held, along x, metres; None if not known.
     """
 
     name: str
     pose_object_eef: Pose
+    width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,18 @@ class Task:
         raise UnknownNameError("object", name, (candidate.name for candidate in self.objects))
 
 
-def top_grasp(name: str, position: tuple[float, float, float], yaw: float = 0.0) -> GraspFrame:
+def top_grasp(
+    name: str, position: tuple[float, float, float], yaw: float = 0.0, width: float | None = None
+) -> GraspFrame:
     """A grasp from above.
 
     Args:
         name: what the hand takes hold of.
         position: (3,) of the grasp frame's origin in the object's frame, metres.
         yaw: angle in the object's xy plane from its x axis to the line along which the fingers close, radians.
+        width: of the object along that line, metres; None if not known.
     """
     closing = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     approach = np.array([0.0, 0.0, -1.0])
     rotation = np.column_stack([closing, np.cross(approach, closing), approach])
-    return GraspFrame(name, Pose(np.array(position, dtype=np.float64), rotation))
+    return GraspFrame(name, Pose(np.array(position, dtype=np.float64), rotation), width)

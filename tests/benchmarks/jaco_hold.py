@@ -1,0 +1,85 @@
+"""How firmly Jaco's hand holds the cube, the can and the nut, by how long it squeezes.
+
+``python tests/benchmarks/jaco_hold.py``
+
+Each is taken as in a transfer, once, lifted by 12 cm, carried by 14 cm while it turns by 0.8 rad, and lowered by 6 cm.
+No horizon and no planner: what is measured is the hand. ``None`` steps: told to close all along, as other grippers are.
+"""
+
+import argparse
+import shlex
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ocplanner import _core
+from ocplanner.envs.environment import ManipulationEnv, make_env
+from ocplanner.envs.kinematics import ArmJoints, Reach
+from ocplanner.envs.robots import RobotSpec, robot
+from ocplanner.pose import Pose
+from ocplanner.storage import atomic_json
+from ocplanner.transfer.body import Body, raised
+from ocplanner.transfer.grasp import is_held, take_hold
+from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.symmetry import yaw_rotation
+from ocplanner.versions import installed
+
+FIRST_SEED = 500
+STEPS = 80
+
+
+def carry(env: ManipulationEnv, arm: RobotSpec, seed: int) -> tuple[str, float]:
+    """How the carry ended, and how far the grip point had wandered on the object, metres."""
+    settings = TransferSettings()
+    env.reset(seed)
+    law = _core.DeltaPoseLaw(gain_position=settings.gain, gain_rotation=settings.gain)
+    body = Body(env, law, 10_000, holding=arm.holding)
+    reach = Reach(env.model, env.data, ArmJoints.of(env.robosuite_env.robots[0], env.model))
+    taken = take_hold(body, env.task.object(), arm, settings.grasp, reach)
+    if taken is None:
+        return "not taken", 0.0
+    start = env.object_pose()
+    top = Pose(start.position + np.array([-0.08, 0.12, 0.12]), start.rotation @ yaw_rotation(0.8))
+    now = body.read()
+    for name, target in (("lift", raised(start, 0.12)), ("carry", top), ("lower", raised(top, -0.06))):
+        for _ in range(STEPS):
+            now = body.move_object(target)
+            if not is_held(now, taken, settings.grasp):
+                return f"lost: {name}", float(np.linalg.norm(now.grip_point - taken))
+    return "held", float(np.linalg.norm(now.grip_point - taken))
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--squeeze", nargs="+", default=["None", "16", "36", "48"], help="control steps")
+    parser.add_argument("--tasks", nargs="+", default=["Lift", "Can", "Square"])
+    parser.add_argument("--episodes", type=int, default=10)
+    parser.add_argument("--out", type=Path, default=Path("results/jaco_hold.json"))
+    options = parser.parse_args()
+    arm, rows = robot("Jaco"), []
+    for task in options.tasks:
+        with make_env(task, arm, cameras=()) as env:
+            for squeeze in options.squeeze:
+                steps = None if squeeze == "None" else int(squeeze)
+                hand = replace(arm, holding=1.0) if steps is None else replace(arm, squeeze_steps=steps)
+                ends = [carry(env, hand, FIRST_SEED + number) for number in range(options.episodes)]
+                wandered = [distance for end, distance in ends if end == "held"]
+                row = {
+                    "task": task,
+                    "squeeze_steps": steps,
+                    "ends": dict(Counter(end for end, _ in ends)),
+                    "median_drift_mm": round(1000 * float(np.median(wandered)), 1) if wandered else None,
+                }
+                rows.append(row)
+                print(row, flush=True)  # noqa: T201
+    command = shlex.join(["python", "tests/benchmarks/jaco_hold.py", *sys.argv[1:]])
+    content = {"command": command, "first_seed": FIRST_SEED, "episodes": options.episodes, "versions": installed()}
+    atomic_json(options.out, {**content, "rows": rows})
+
+
+if __name__ == "__main__":
+    main()
