@@ -58,7 +58,7 @@ class NativeControl:
     def bind(self) -> "_Binding | None":
         """Binds to the present simulation and controllers, or None, after one warning, if they are not supported."""
         env, bound = self.env, self._bound
-        if bound is not None and bound.holds():
+        if bound is not None and bound.holds(env):
             return bound
         composite = env.robots[0].composite_controller
         if composite is not None and self._refused is composite:
@@ -160,10 +160,10 @@ class _Binding:
             for arm in self.arms[1:]:
                 self.arms[0].loop.add(arm.loop)
 
-    def holds(self) -> bool:
+    def holds(self, env: Any) -> bool:
         """Whether the robots still have the controllers that were bound."""
-        for arm in self.arms:
-            if arm.composite is not arm.robot.composite_controller or arm.enabled is not arm.robot._enabled_parts:
+        for arm, robot in zip(self.arms, env.robots):
+            if arm.composite is not robot.composite_controller or arm.enabled is not robot._enabled_parts:
                 return False
         return True
 

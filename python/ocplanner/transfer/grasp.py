@@ -79,12 +79,7 @@ def take_hold(
     Raises:
         HorizonReached: the episode ended before.
     """
-    for _ in range(settings.settle_steps):
-        body.wait(OPEN)
-    grasp = choose_grasp(spec, robot, body.read(), reach)
-    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, settings)
-    _approach(body, grasp, settings.clearance, settings.near, settings)
-    _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
+    close_around(body, spec, robot, settings, reach)
     held_at = body.read()
     grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
@@ -94,6 +89,23 @@ def take_hold(
         if now.eef.position[2] > lifted.position[2] - settings.near:
             return now.grip_point
     return None
+
+
+def close_around(
+    body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings, reach: Foresight | None = None
+) -> None:
+    """Open, approach from above and close.
+
+    Raises:
+        HorizonReached: the episode ended before.
+    """
+    for _ in range(settings.settle_steps):
+        body.wait(OPEN)
+    grasp = choose_grasp(spec, robot, body.read(), reach)
+    hover = settings.hover if spec.hover is None else spec.hover
+    _approach(body, grasp, settings.clearance + hover, 3 * settings.near, settings)
+    _approach(body, grasp, settings.clearance, settings.near, settings)
+    _close(body, raised(body.read().object @ grasp, settings.clearance), robot, settings)
 
 
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
