@@ -204,6 +204,22 @@ class Carrier:
         for _ in range(steps):
             self._move(pose)
 
+    def lift(self, goal: np.ndarray) -> Pose:
+        """Raise the object, turned as it is, until it is as high as the goal; returns its pose.
+
+        Args:
+            goal: (3,) world, metres: beside the goal's vertical the object goes toward it from the start.
+
+        Raises:
+            ObjectLostError: it slipped out of the hand.
+        """
+        now = self._body.read()
+        rotation = now.object.rotation
+        while now.object.position[2] < goal[2]:
+            above = np.array([*goal[:2], now.object.position[2] + self._manner.lowering])
+            now = self._move(Pose(above, rotation))
+        return now.object
+
     def let_down(self, goal: Pose, height: float | None = None) -> None:
         """Let the object down over the goal.
 

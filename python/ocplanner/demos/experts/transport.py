@@ -12,8 +12,10 @@ from ocplanner.transfer.symmetry import yaw_rotation
 
 _LID_ASIDE = np.array([-0.2, -0.45])  # where the lid is put on its table, world, m
 _LID_RELEASE = 0.835  # height at which the lid is let go of: it lies at 0.82, m
-_MEETING = np.array([0.0, 0.0])  # where the hands meet, midway between the arms, world, m
+_MEETING = np.array([0.0, -0.02])  # where the hammer's middle is when the hands meet, world, m
 _READY = np.array([0.0, 0.2, 0.08])  # from there, where the second hand waits, m
+_CLEAR = 0.985  # height at which the hammer is over the walls, m
+_BACK = 0.02  # from the middle of a bin, so that the hammer's head keeps clear of the wall, m
 _NEAR = 0.02  # how exactly the hammer is brought there: the second hand looks where it is, m
 _LOWER = 0.04  # by how much the lid and the rubbish are carried lower than the hammer, m
 
@@ -71,15 +73,17 @@ def _hand_over(env: ManipulationEnv, body: NoisyBody, manner: Manner, home: Pose
     """The hammer from one bin to the other, over both hands."""
     first, second = env.task.object("payload").arms
     forward = env.object_pose("payload").rotation[1, 2] > 0  # the head away from the first arm
-    near, far = ("foot", "head") if forward else ("head", "foot")
+    near, far = ("lower", "head") if forward else ("upper", "foot")
     giver = Carrier(env, body, manner, "payload", first)
     body.hands.wait_at(Pose(np.array([*_MEETING, manner.carry_height]) + _READY, home.rotation), second)
-    start = giver.take(*_grasps(env, near))
+    lying = giver.take(*_grasps(env, near))
+    start = giver.lift(np.array([*(lying.position - _BACK * lying.rotation[:, 2])[:2], _CLEAR]))
     meeting = Pose(np.array([*_MEETING, manner.carry_height]), _across(start.rotation, manner))
     giver.carry(carry_path(start.position, meeting.position, manner), meeting.rotation, _NEAR)
     taker = Carrier(env, body, manner, "payload", second)
     held = taker.take_from(giver, *_grasps(env, far))
-    goal = Pose(np.array([*_middle(env, "target_bin"), manner.carry_height]), held.rotation)
+    place = _middle(env, "target_bin") - _BACK * held.rotation[:2, 2]
+    goal = Pose(np.array([*place, manner.carry_height]), held.rotation)
     taker.carry(carry_path(held.position, goal.position, manner), goal.rotation)
     taker.let_down(goal)
     taker.let_go()

@@ -8,7 +8,7 @@ from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
 from ocplanner.pose import Pose
 
 _HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
-_APART = 0.055  # of the two hands from the middle of the hammer's handle, which is 0.2 m long
+_GRIPS = (("head", 0.07), ("upper", 0.03), ("lower", -0.035), ("foot", -0.08))  # from the middle of the handle, m
 _OVER_THE_WALLS = 0.19  # of the bins, 0.15 m high
 
 
@@ -41,7 +41,7 @@ TASK = Task(
             joint="payload_joint0",
             grasps=tuple(
                 _handle(f"{end}-{side}-{half}", along, up, closing)
-                for end, along in (("head", _APART), ("foot", -_APART))
+                for end, along in _GRIPS
                 for side, up in (("above", 1.0), ("below", -1.0))
                 for half, closing in enumerate((1.0, -1.0))
             ),
