@@ -15,8 +15,9 @@ _LID_RELEASE = 0.835  # height at which the lid is let go of: it lies at 0.82, m
 _MEETING = np.array([0.0, -0.02])  # where the hammer's middle is when the hands meet, world, m
 _READY = np.array([0.0, 0.2, 0.08])  # from there, where the second hand waits, m
 _CLEAR = 0.985  # height at which the hammer is over the walls, m
-_BACK = 0.02  # from the middle of a bin, so that the hammer's head keeps clear of the wall, m
+_BACK = 0.02  # how far the hammer is drawn back meanwhile, since its head is next to a wall, m
 _NEAR = 0.02  # how exactly the hammer is brought there: the second hand looks where it is, m
+_OFF = 0.01  # of the hammer from the middle of its goal: room for the head, and for the hand at the foot, m
 _LOWER = 0.04  # by how much the lid and the rubbish are carried lower than the hammer, m
 
 
@@ -25,8 +26,8 @@ def _manner(rng: np.random.Generator) -> Manner:
         carry_height=rng.uniform(1.06, 1.1),
         sideways=rng.normal(0.0, 0.02),
         lookahead=rng.uniform(0.035, 0.05),
-        release_height=rng.uniform(0.87, 0.9),
-        lowering=rng.uniform(0.012, 0.02),
+        release_height=rng.uniform(0.87, 0.91),
+        lowering=rng.uniform(0.018, 0.028),
         yaw_error=rng.normal(0.0, 0.05),
         noise=rng.uniform(0.03, 0.12),
     )
@@ -82,7 +83,7 @@ def _hand_over(env: ManipulationEnv, body: NoisyBody, manner: Manner, home: Pose
     giver.carry(carry_path(start.position, meeting.position, manner), meeting.rotation, _NEAR)
     taker = Carrier(env, body, manner, "payload", second)
     held = taker.take_from(giver, *_grasps(env, far))
-    place = _middle(env, "target_bin") - _BACK * held.rotation[:2, 2]
+    place = _middle(env, "target_bin") - _OFF * held.rotation[:2, 2]
     goal = Pose(np.array([*place, manner.carry_height]), held.rotation)
     taker.carry(carry_path(held.position, goal.position, manner), goal.rotation)
     taker.let_down(goal)
