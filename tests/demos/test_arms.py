@@ -43,7 +43,7 @@ def test_one_arm_moves_and_the_other_stays(env):
 def test_a_waiting_arm_goes_where_it_is_to_wait(env):
     hands, _ = _hands(env)
     start = env.arms[1].eef_pose()
-    place = Pose(start.position + [0.0, 0.0, 0.1], start.rotation)
+    place = Pose(start.position + np.array([0.0, 0.0, 0.1]), start.rotation)
     hands.wait_at(place, 1)
     for _ in range(40):
         hands.step(np.zeros(7))

@@ -77,7 +77,9 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 "object_rot6d": rot6d,
                 **{f"eef{number}_position": position for number in self._numbers},
                 **{f"eef{number}_rot6d": rot6d for number in self._numbers},
-                **{f"gripper{number}_opening": spaces.Box(0.0, _WIDEST_M, (1,), np.float32) for number in self._numbers},
+                **{
+                    f"gripper{number}_opening": spaces.Box(0.0, _WIDEST_M, (1,), np.float32) for number in self._numbers
+                },
             }
         )
 

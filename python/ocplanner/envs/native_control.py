@@ -151,8 +151,8 @@ class _Binding:
 
     def __init__(self, env: Any, before: "_Binding | None") -> None:
         self.data = env.sim.data._data
-        kept = before is not None and before.data is self.data
-        loops = [arm.loop for arm in before.arms] if kept else [None] * len(env.robots)
+        kept = [] if before is None or before.data is not self.data else [arm.loop for arm in before.arms]
+        loops = kept or [None] * len(env.robots)
         self.substeps = int(env.control_timestep / env.model_timestep)
         self.arms = [_ArmBinding(env, robot, loop) for robot, loop in zip(env.robots, loops, strict=True)]
         self.advance = self.arms[0].loop.advance

@@ -1,4 +1,4 @@
-"""Transport: take the lid off, clear the other bin of its rubbish, take the hammer, hand it over, put it in that bin."""
+"""Transport: take the lid off, clear the other bin of rubbish, take the hammer, hand it over, put it into that bin."""
 
 from dataclasses import replace
 
@@ -35,21 +35,19 @@ def _manner(rng: np.random.Generator) -> Manner:
 
 def _solve(env: ManipulationEnv, body: NoisyBody, manner: Manner) -> None:
     first, second = env.task.object("payload").arms
-    home = [_level(arm.eef_pose()) for arm in env.arms]
-    body.hands.wait_at(_above(env.object_pose("trash"), home[second]), second)
-    _move(
-        Carrier(env, body, manner, "lid"), _LID_ASIDE, home[first], manner.carry_height - _LOWER, _LID_RELEASE, manner
-    )
-    clearing = Carrier(env, body, manner, "trash")
-    body.hands.wait_at(_above(env.object_pose("payload"), home[first]), first)
-    _move(
-        clearing, _middle(env, "trash_bin"), home[second], manner.carry_height - _LOWER, manner.release_height, manner
-    )
-    _hand_over(env, body, manner, home[second])
+    homes = [_level(arm.eef_pose()) for arm in env.arms]
+    lower = replace(manner, carry_height=manner.carry_height - _LOWER)
+    body.hands.wait_at(_above(env.object_pose("trash"), homes[second]), second)
+    lid = Carrier(env, body, lower, "lid")
+    _put(lid, Pose(np.array([*_LID_ASIDE, _LID_RELEASE]), homes[first].rotation), lower)
+    trash = Carrier(env, body, lower, "trash")
+    body.hands.wait_at(_above(env.object_pose("payload"), homes[first]), first)
+    _put(trash, Pose(np.array([*_middle(env, "trash_bin"), manner.release_height]), homes[second].rotation), lower)
+    _hand_over(env, body, manner, homes[second])
 
 
 def _level(hand: Pose) -> Pose:
-    """The pose with the palm straight down, its fingers closing along the same line."""
+    """The pose with the palm straight down: so turned, the wrist is far from its limits on the whole table."""
     closing = hand.rotation[:, 0] * [1, 1, 0]
     closing /= np.linalg.norm(closing)
     down = np.array([0.0, 0.0, -1.0])
@@ -61,12 +59,12 @@ def _above(pose: Pose, home: Pose) -> Pose:
     return Pose(np.array([*pose.position[:2], home.position[2]]), home.rotation)
 
 
-def _move(carrier: Carrier, place: np.ndarray, home: Pose, over: float, height: float, manner: Manner) -> None:
-    """Take an object and put it down elsewhere, the hand turned as when the episode began: its wrist has limits."""
+def _put(carrier: Carrier, goal: Pose, manner: Manner) -> None:
+    """Take an object, carry it over the goal's position and let it go there, the hand turned as the goal is."""
     start, hand = carrier.take(), carrier.hand()
-    goal = Pose(np.array([*place, over]), home.rotation @ hand.rotation.T @ start.rotation)
-    carrier.carry(carry_path(start.position, goal.position, replace(manner, carry_height=over)), goal.rotation)
-    carrier.let_down(goal, height)
+    over = Pose(np.array([*goal.position[:2], manner.carry_height]), goal.rotation @ hand.rotation.T @ start.rotation)
+    carrier.carry(carry_path(start.position, over.position, manner), over.rotation)
+    carrier.let_down(over, goal.position[2])
     carrier.let_go()
 
 
