@@ -193,6 +193,16 @@ class ControlLoop:
             VersionError: the loaded MuJoCo library is not found, or is not of the module's version.
         """
 
+    def add(self, other: ControlLoop) -> None:
+        """Let the loop of another arm on the same data run along from now on.
+
+        In each control step :meth:`begin` this loop, then the others, then :meth:`advance` this one alone.
+
+        Raises:
+            InvalidValueError: the other's data differ, it is this loop, one of the two was added to a loop before, the
+                other has loops of its own, or physics is not lite.
+        """
+
     def begin(self, delta: _F64, gripper: _F64, stiffness: _F64, damping: _F64, posture: _F64) -> None:
         """Set the goal ``delta`` (6,) (m, then axis times angle in rad) away, and the first commands.
 
@@ -205,10 +215,10 @@ class ControlLoop:
         """
 
     def advance(self, substeps: int) -> None:
-        """Run physics substeps, the one begun included.
+        """Run physics substeps, the one begun included, of this arm and of those added to it.
 
         Raises:
-            InvalidValueError: no control step has begun.
+            InvalidValueError: no control step has begun, or the loop was added to another.
         """
 
     def measured(self) -> tuple[_F64, _F64, _F64, _F64, _F64, _F64, _F64]:

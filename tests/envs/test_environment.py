@@ -154,3 +154,30 @@ def test_bad_input_is_told_apart(shared_env):
         env.step(np.zeros(6))
     with pytest.raises(ShapeError, match=r"\(45,\)"):
         env.set_state(np.zeros(47))
+
+
+def test_a_task_for_two_arms_has_two_alike(shared_env):
+    env = shared_env("Transport", "Panda")
+    env.reset(1)
+    assert (env.control, env.action_dim, len(env.arms)) == ("native", 14, 2)
+    starts = [arm.eef_pose().position for arm in env.arms]
+    for _ in range(5):
+        env.step(np.concatenate([np.zeros(7), [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]))
+    rises = [arm.eef_pose().position[2] - start[2] for arm, start in zip(env.arms, starts)]
+    assert abs(rises[0]) < 0.003
+    assert rises[1] > 0.01
+    assert env.arms[1].gripper_opening < env.arms[0].gripper_opening - 0.01
+    np.testing.assert_array_equal(env.eef_pose().position, env.arms[0].eef_pose().position)
+    assert not env.in_contact("payload", arm=1)
+    with pytest.raises(ShapeError, match=r"\(14,\), not \(7,\)"):
+        env.step(np.zeros(7))
+
+
+def test_either_arm_is_placed(shared_env):
+    env = shared_env("Transport", "Panda")
+    env.reset(1)
+    first, second = (arm.eef_pose() for arm in env.arms)
+    goal = Pose(second.position + np.array([0.0, 0.0, 0.05]), second.rotation)
+    assert env.place_eef(goal, arm=1) < 1e-3
+    np.testing.assert_allclose(env.arms[1].eef_pose().position, goal.position, atol=1e-3)
+    np.testing.assert_array_equal(env.arms[0].eef_pose().position, first.position)

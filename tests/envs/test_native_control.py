@@ -26,11 +26,11 @@ def _make(robot: str, seed: int = 0, **options: Any) -> Any:
         "hard_reset": False,
         "seed": seed,
     }
-    return robosuite.make("Lift", robots=robot, **(settings | options))
+    return robosuite.make(options.pop("task", "Lift"), robots=robot, **(settings | options))
 
 
-def _loop(env: Any, data: Any, **options: Any) -> _core.ControlLoop:
-    robot = env.robots[0]
+def _loop(env: Any, data: Any, number: int = 0, **options: Any) -> _core.ControlLoop:
+    robot = env.robots[number]
     arm = robot.part_controllers["right"]
     site = env.sim.model.site_name2id
     arguments = {
@@ -126,8 +126,9 @@ def test_rollouts_are_robosuites(robot: str) -> None:
         {"control_freq": 10, "reward_shaping": True},
         {"horizon": 6},
         {"hard_reset": True},
+        {"task": "TwoArmTransport", "robots": ["Panda", "IIWA"]},
     ],
-    ids=["panda", "moving base", "full physics", "10 Hz", "horizon", "hard reset"],
+    ids=["panda", "moving base", "full physics", "10 Hz", "horizon", "hard reset", "two arms"],
 )
 def test_a_step_returns_and_leaves_what_robosuites_does(options: dict[str, Any]) -> None:
     robot = options.pop("robots", "Panda")
@@ -142,7 +143,8 @@ def test_a_step_returns_and_leaves_what_robosuites_does(options: dict[str, Any])
             (expected, reward, done, _), (found, our_reward, our_done, _) = stock.step(action), ours.step(action)
             assert found.keys() == expected.keys()
             for name, value in expected.items():
-                np.testing.assert_allclose(found[name], value, atol=1e-6, err_msg=f"{name} in episode {episode}")
+                close = np.abs(np.subtract(found[name], value, dtype=np.float64)) <= 1e-6
+                assert np.all(close), f"{name} in episode {episode}: {found[name]}, not {value}"
             assert our_reward == pytest.approx(reward, abs=1e-6)
             assert our_done == done
             _assert_same_bookkeeping(stock, ours)
@@ -153,7 +155,11 @@ def test_a_step_returns_and_leaves_what_robosuites_does(options: dict[str, Any])
 def _assert_same_bookkeeping(stock: Any, ours: Any) -> None:
     assert (ours.timestep, ours.cur_time, ours.done) == (stock.timestep, stock.cur_time, stock.done)
     assert ours.sim.data.time == stock.sim.data.time
-    robot, our_robot = stock.robots[0], ours.robots[0]
+    for robot, our_robot in zip(stock.robots, ours.robots, strict=True):
+        _assert_same_robot(robot, our_robot)
+
+
+def _assert_same_robot(robot: Any, our_robot: Any) -> None:
     for name in ("recent_qpos", "recent_actions"):
         np.testing.assert_allclose(getattr(our_robot, name).current, getattr(robot, name).current, atol=1e-8)
     for name in ("forcetorques", "pose", "vel", "acc"):
@@ -282,6 +288,42 @@ def test_a_loop_that_has_not_begun_does_not_advance(panda: Any) -> None:
         loop.begin(six, command, np.full(6, np.inf), six, posture)
     with pytest.raises(ShapeError, match=r"delta: expected .*float64.*, found dtype float32"):
         loop.begin(six.astype(np.float32), command, six, six, posture)
+
+
+def test_several_arms_are_led_by_one_loop() -> None:
+    env = _make(["Panda", "Panda"], task="TwoArmTransport")
+    data = mujoco.MjData(env.sim.model._model)
+    first, second = _loop(env, data, 0), _loop(env, data, 1)
+    first.add(second)
+    six, command, posture = np.ones(6), np.zeros(2), np.zeros(7)
+    first.begin(six, command, six, six, posture)
+    with pytest.raises(InvalidValueError, match="begun"):
+        first.advance(1)
+    second.begin(six, command, six, six, posture)
+    with pytest.raises(InvalidValueError, match="added to another"):
+        second.advance(1)
+    first.advance(25)
+    assert data.time == pytest.approx(0.05)
+    lone, full = _loop(env, data, 1), _loop(env, data, 1, lite_physics=False)
+    elsewhere = _loop(env, mujoco.MjData(env.sim.model._model), 1)
+    for leader, added, message in [
+        (first, first, "itself"),
+        (first, second, "takes part once"),
+        (second, lone, "takes part once"),
+        (lone, first, "leads others"),
+        (first, full, "lite_physics"),
+        (first, elsewhere, "data differ"),
+    ]:
+        with pytest.raises(InvalidValueError, match=message):
+            leader.add(added)
+    env.close()
+
+
+def test_two_arms_with_full_physics_keep_robosuites_loop() -> None:
+    env = _make(["Panda", "Panda"], task="TwoArmTransport", lite_physics=False)
+    with pytest.warns(RuntimeWarning, match="several arms with full physics"):
+        assert attach(env) is None
+    env.close()
 
 
 def test_a_loop_outlives_its_environment() -> None:

@@ -20,3 +20,8 @@ def test_other_arms_have_no_patch(shared_env):
     env = shared_env("Square", "Panda")
     assert env.patches == ()
     assert np.all(env.model.nexclude == 0)
+
+
+def test_each_of_two_sawyers_is_mended():
+    with make_env("Transport", "Sawyer", cameras=()) as env:
+        assert env.model.nexclude == 2

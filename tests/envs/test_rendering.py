@@ -156,3 +156,12 @@ def test_a_bogus_backend_is_a_rendering_error():
     environment = {**os.environ, "MUJOCO_GL": "bogus"}
     result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert "set MUJOCO_GL to egl or osmesa" in result.stdout
+
+
+def test_both_arms_are_masked(shared_env):
+    env = shared_env("Transport")
+    env.reset(0)
+    mask = env.robot_mask("agentview")
+    hands = np.concatenate([arm.eef_pose().position[None] + [[0.0, 0.0, 0.12]] for arm in env.arms])
+    pixels = env.project("agentview", hands, *mask.shape[::-1]).astype(int)
+    assert mask[pixels[:, 1], pixels[:, 0]].all()

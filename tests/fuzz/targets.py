@@ -217,7 +217,7 @@ def _control_loop(choices: Choices) -> None:
     )
     _ = (loop.goal_position, loop.goal_rotation, loop.torques)
     for _ in range(choices.index(4)):
-        match choices.index(3):
+        match choices.index(4):
             case 0:
                 gripper = np.zeros(choices.pick((0, 1, 16)))
                 six = [array(choices, np.full(6, value)) for value in (0.01, 150.0, 24.0)]
@@ -225,6 +225,8 @@ def _control_loop(choices: Choices) -> None:
             case 1:
                 steps = integer(choices, 5)
                 loop.advance(min(steps, 20) if type(steps) is int else steps)  # many steps take long, by right
+            case 2:
+                loop.add(choices.pick((loop, None)))
             case _:
                 loop.remember(*(array(choices, value) for value in loop.measured()))
         loop.measured()

@@ -1,4 +1,4 @@
-"""What every scripted expert does: take an object, carry it along a path, let it down, let go."""
+"""What every scripted expert does: take an object, carry it along a path, let it down, let go; or hand it over."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,10 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocplanner import _core
+from ocplanner.demos.arms import Hands
 from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Body, Reading
-from ocplanner.transfer.grasp import is_held, take_hold
+from ocplanner.transfer.grasp import close_around, is_held, take_hold
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -51,7 +53,15 @@ class Manner:
 
 
 class NoisyBody(Body):
-    """A body whose hand trembles slowly (an autoregressive noise on the first six numbers of the action)."""
+    """A body whose hand trembles slowly (an autoregressive noise on the first six numbers of the action).
+
+    Args:
+        env: the environment.
+        horizon: steps until :class:`ocplanner.transfer.body.HorizonReached`.
+        noise: standard deviation of the noise, in units of the action.
+        rng: its source.
+        on_action: called before each control step with the action of all arms (7 arms,).
+    """
 
     def __init__(
         self,
@@ -62,23 +72,16 @@ class NoisyBody(Body):
         on_action: Callable[[np.ndarray], None],
     ) -> None:
         law = _core.DeltaPoseLaw(gain_position=_GAIN, gain_rotation=_GAIN)
-        super().__init__(env, law, horizon)
-        self._noise, self._rng, self._on_action = noise, rng, on_action
+        self.hands = Hands(env, law, on_action)
+        super().__init__(self.hands, law, horizon)
+        self._noise, self._rng = noise, rng
         self._tremor = np.zeros(6)
-        self._env = env
         self.steady = False
-        self.in_play: str | None = None  # the object that is read and moved; the task's main one
-
-    def read(self) -> Reading:
-        """Sense, of the objects the one in play."""
-        return Reading(self._env.object_pose(self.in_play), self._env.eef_pose(), self._env.gripper_opening)
 
     def act(self, delta: np.ndarray, grip: float) -> Reading:
         """One control step, with noise unless :attr:`steady`."""
         self._tremor = 0.8 * self._tremor + 0.6 * self._rng.normal(0.0, self._noise, 6) * [1, 1, 1, 0.2, 0.2, 0.2]
         noisy = delta if self.steady else np.clip(delta + self._tremor, -1.0, 1.0)
-        if self.steps < self.horizon:
-            self._on_action(np.append(noisy, grip))
         return super().act(noisy, grip)
 
     def return_hand(self, pose: Pose) -> None:
@@ -96,46 +99,84 @@ class NoisyBody(Body):
 
 
 class Carrier:
-    """One object from the grasp to the release.
+    """One object in one hand, from the grasp to the release.
 
     Args:
         env: the robot before its task.
-        body: its hand.
+        body: its hands.
         manner: of the demonstration.
         name: the object; the task's main one if not given.
+        arm: whose hand; of the object's first arm if not given.
     """
 
-    def __init__(self, env: ManipulationEnv, body: NoisyBody, manner: Manner, name: str | None = None) -> None:
+    def __init__(
+        self, env: ManipulationEnv, body: NoisyBody, manner: Manner, name: str | None = None, arm: int | None = None
+    ) -> None:
         self._env, self._body, self._manner = env, body, manner
         self._object = env.task.object(name)
+        self._arm = self._object.arms[0] if arm is None else arm
         self._grip_point = np.zeros(3)
-        body.in_play = self._object.name
+        self.turn_to()
 
-    def take(self, grasp: str | None = None) -> Pose:
+    def turn_to(self) -> None:
+        """Bring this hand and this object into play."""
+        self._body.hands.put_in_play(self._object.name, self._arm)
+
+    def hand(self) -> Pose:
+        """Where the hand is, world."""
+        return self._body.read().eef
+
+    def take(self, *grasps: str) -> Pose:
         """Take hold of the object; returns its pose in the hand, world.
 
         Args:
-            grasp: how; the way that turns the wrist least if not given.
+            *grasps: the ways to choose from, by that which turns the wrist least; all if not given.
 
         Raises:
             ObjectLostError: the hand missed it.
             HorizonReached: it took too long, here as in the other methods.
         """
         self._body.steady = True
-        spec = self._object if grasp is None else replace(self._object, grasps=(self._object.grasp(grasp),))
-        grip_point = take_hold(self._body, spec, self._env.robot, _GRASP)
+        grip_point = take_hold(self._body, self._spec(grasps), self._env.robot, _GRASP)
         if grip_point is None:
             raise ObjectLostError
         self._body.steady = False
         self._grip_point = grip_point
         return self._body.read().object
 
-    def carry(self, path: np.ndarray, rotation: np.ndarray) -> None:
+    def take_from(self, giver: "Carrier", *grasps: str) -> Pose:
+        """Take hold of the object that another hand holds still; that one lets go and withdraws.
+
+        Args:
+            giver: who holds it.
+            *grasps: as for :meth:`take`.
+
+        Returns:
+            The object's pose, world.
+
+        Raises:
+            ObjectLostError: this hand missed it.
+        """
+        self.turn_to()
+        self._body.steady = True
+        close_around(self._body, replace(self._spec(grasps), hover=None), self._env.robot, _GRASP)
+        self._grip_point = self._body.read().grip_point
+        giver.turn_to()
+        giver.let_go()
+        self.turn_to()
+        self._body.steady = False
+        now = self._body.read()
+        if not is_held(now, self._grip_point, _GRASP):
+            raise ObjectLostError
+        return now.object
+
+    def carry(self, path: np.ndarray, rotation: np.ndarray, within: float = _ALIGNED) -> None:
         """Carry the object to the path's end, turning it on the way, until it rests there.
 
         Args:
             path: (N, 3) world, metres.
             rotation: (3, 3) at the end, object -> world.
+            within: horizontal distance from the end that is near enough, metres.
 
         Raises:
             ObjectLostError: it slipped out of the hand.
@@ -149,7 +190,7 @@ class Carrier:
             share = place / (len(path) - 1)
             now = self._move(Pose(path[place], turned(start, rotation, min(1.0, 1.3 * share))))
             self._body.steady = share > _ARRIVING
-            there = np.linalg.norm(now.object.position[:2] - path[-1, :2]) < _ALIGNED and share > _ARRIVING
+            there = np.linalg.norm(now.object.position[:2] - path[-1, :2]) < within and share > _ARRIVING
             upright = angle_between(now.object.rotation, rotation) < _ALIGNED_ROTATION
             slow = np.linalg.norm(now.object.position - here.position) < _RESTING
             aligned = aligned + 1 if there and upright and slow else 0
@@ -162,6 +203,22 @@ class Carrier:
         """
         for _ in range(steps):
             self._move(pose)
+
+    def lift(self, goal: np.ndarray) -> Pose:
+        """Raise the object, turned as it is, until it is as high as the goal; returns its pose.
+
+        Args:
+            goal: (3,) world, metres: beside the goal's vertical the object goes toward it from the start.
+
+        Raises:
+            ObjectLostError: it slipped out of the hand.
+        """
+        now = self._body.read()
+        rotation = now.object.rotation
+        while now.object.position[2] < goal[2]:
+            above = np.array([*goal[:2], now.object.position[2] + self._manner.lowering])
+            now = self._move(Pose(above, rotation))
+        return now.object
 
     def let_down(self, goal: Pose, height: float | None = None) -> None:
         """Let the object down over the goal.
@@ -188,6 +245,12 @@ class Carrier:
         hand = Pose(start.position + way, start.rotation)
         while (self._body.move_hand(hand, OPEN).eef.position - start.position) @ way / length < length - 0.02:
             pass
+
+    def _spec(self, grasps: tuple[str, ...]) -> ObjectSpec:
+        """The object with some of its grasps only."""
+        if not grasps:
+            return self._object
+        return replace(self._object, grasps=tuple(self._object.grasp(name) for name in grasps))
 
     def _move(self, target: Pose) -> Reading:
         now = self._body.move_object(target)

@@ -28,13 +28,7 @@ FIRST_EVALUATION_SEED = 10000
 _SEEDS_EACH = 1000
 _VALID_SHARE = 0.1
 _MOST_NOISE = 5.0
-_OBSERVATIONS = {
-    "object": "object-state",
-    "robot0_eef_pos": "robot0_eef_pos",
-    "robot0_eef_quat": "robot0_eef_quat",
-    "robot0_eef_quat_site": "robot0_eef_quat_site",
-    "robot0_gripper_qpos": "robot0_gripper_qpos",
-}
+_OF_EACH_ARM = ("eef_pos", "eef_quat", "eef_quat_site", "gripper_qpos")
 
 
 @dataclass(frozen=True)
@@ -184,7 +178,10 @@ def _observe(env: ManipulationEnv, state: np.ndarray) -> dict[str, np.ndarray]:
     env.set_state(state)
     env.robosuite_env._get_observations(force_update=True)
     seen = env.robosuite_env._get_observations(force_update=True)
-    observed = {name: np.array(seen[sensor], dtype=np.float64) for name, sensor in _OBSERVATIONS.items()}
+    sensors = {"object": "object-state"}
+    for arm in range(len(env.arms)):
+        sensors.update({f"robot{arm}_{name}": f"robot{arm}_{name}" for name in _OF_EACH_ARM})
+    observed = {name: np.array(seen[sensor], dtype=np.float64) for name, sensor in sensors.items()}
     for spec in env.task.objects:  # by name too: readable whatever the order of numbers in `object`
         pose = env.object_pose(spec.name)
         observed[f"{spec.name}_pos"] = pose.position
@@ -226,7 +223,7 @@ def _env_args(workplace: Workplace, patches: tuple[str, ...]) -> dict[str, Any]:
         "type": 1,
         "env_version": version("robosuite"),
         "env_kwargs": {
-            "robots": [workplace.robot],
+            "robots": [workplace.robot] * task_spec(workplace.task).arms,
             "controller_configs": json.loads(json.dumps(controllers, default=str)),
             "control_freq": 20,
             "has_renderer": False,

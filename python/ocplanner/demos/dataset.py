@@ -178,10 +178,10 @@ class Demonstrations(Sequence[Demonstration]):
         return kwargs if isinstance(kwargs, dict) else {}
 
     def _action_width(self) -> int | None:
-        """7 for one arm under OSC_POSE; None when the controller is another or the file does not say."""
+        """7 an arm under OSC_POSE; None when the controller is another or the file does not say."""
         controllers = json.dumps(self._env_kwargs().get("controller_configs"))
-        one_arm = len(self.robots) == 1 and self.robots[0] not in ("Baxter", "Tiago", "GR1", "SpotWithArm")
-        return 7 if one_arm and '"OSC_POSE"' in controllers else None
+        one_armed = not {*self.robots} & {"Baxter", "Tiago", "GR1", "SpotWithArm"}
+        return 7 * len(self.robots) if self.robots and one_armed and '"OSC_POSE"' in controllers else None
 
 
 def natural_key(name: str) -> list[tuple[int, str]]:

@@ -1,5 +1,6 @@
 """One demonstration of a robomimic file, read when asked."""
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -69,7 +70,7 @@ class Demonstration:
 
     @property
     def actions(self) -> np.ndarray:
-        """(T, 7) normalised OSC_POSE actions, the gripper's last (-1 opens, 1 closes)."""
+        """(T, 7 arms) normalised OSC_POSE actions, of each arm the gripper's last (-1 opens, 1 closes)."""
         actions = self._finite("actions", dims=2)
         width = self._recording.action_width
         if width is not None and actions.shape[1] != width:
@@ -137,7 +138,27 @@ class Demonstration:
     @property
     def eef_positions(self) -> np.ndarray:
         """(T, 3) end-effector (site) positions of the first robot, world, metres."""
-        return self._finite("obs/robot0_eef_pos", dims=2)
+        return self.hand_positions(0)
+
+    def hand_positions(self, arm: int) -> np.ndarray:
+        """(T, 3) end-effector (site) positions of a robot, world, metres."""
+        return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
+
+    def gripper_actions(self, arms: Sequence[int] = (0,)) -> np.ndarray:
+        """(T,) what grippers are told together: above 0 if any of them closes, below 0 if all open.
+
+        Args:
+            arms: numbers of the robots; those that carry an object, in a hand-over two, see
+                :attr:`ocplanner.envs.tasks.ObjectSpec.arms`.
+
+        Raises:
+            DatasetError: the recording is of fewer arms.
+        """
+        actions, columns = self.actions, [7 * arm + 6 for arm in arms]
+        if max(columns) >= actions.shape[1]:
+            fault = f"shape {actions.shape}, but arm {max(arms)} is asked for"
+            raise self._error("actions", fault, "record it with as many arms as the task needs")
+        return actions[:, columns].max(axis=1)
 
     def object_layout(self) -> Order | None:
         """The detected order of ``object``; None when the file has no such observation.

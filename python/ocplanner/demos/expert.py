@@ -18,7 +18,7 @@ def demonstrate(
     Args:
         env: the robot before its task.
         seed: of the reset and of the manner.
-        on_action: called before each control step with the action (7,).
+        on_action: called before each control step with the action (7 arms,).
         noise: how far demonstrations differ in path and tremor: 1 about as people's, 0 not at all.
 
     Returns:

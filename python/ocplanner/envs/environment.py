@@ -1,11 +1,11 @@
-"""One arm on one task."""
+"""One arm, or several alike, on one task."""
 
 from typing import Any
 
 import numpy as np
 
-from ocplanner.envs.grippers import Gripper
-from ocplanner.envs.kinematics import ArmJoints, reach, site_pose
+from ocplanner.envs.arms import RobotArm
+from ocplanner.envs.kinematics import reach
 from ocplanner.envs.native_control import attach
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.patches import check_patches
@@ -27,6 +27,9 @@ _RESTARTS = 6
 class ManipulationEnv:
     """One arm on one task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
 
+    A task for several arms has as many of the same kind; what is said of the arm is said of the first, and
+    :attr:`arms` holds them all.
+
     All poses are in robosuite's world frame, metres; pictures are upright (h, w, 3) uint8. Use it as a context manager,
     or call :meth:`close`.
 
@@ -45,6 +48,7 @@ class ManipulationEnv:
 
     Attributes (and the other arguments, resolved, under their own names):
         observe_mode: what the pictures show.
+        arms: the arms, in robosuite's order.
         steps: control steps since the last reset.
 
     Raises:
@@ -86,7 +90,8 @@ class ManipulationEnv:
         self.reset(seed)
 
     def _find_references(self) -> None:
-        model, self._robot = self.model, self._env.robots[0]
+        model = self.model
+        self.arms = tuple(RobotArm(robot, model, self.data, self.robot.spare_finger) for robot in self._env.robots)
         self._objects = {}
         for spec in self.task.objects:
             joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, spec.joint)
@@ -94,19 +99,6 @@ class ManipulationEnv:
         self._pictures = Cameras(model, self.data, self.visual)
         for camera in self.cameras:
             self._pictures.number(camera)
-        arm = self._robot.arms[0]
-        joints = np.array([model.joint(name).id for name in self._robot.robot_joints])
-        limited = model.jnt_limited[joints].astype(bool)
-        self._arm = ArmJoints(
-            qpos=np.array(self._robot._ref_joint_pos_indexes),
-            dofs=np.array(self._robot._ref_joint_vel_indexes),
-            lower=np.where(limited, model.jnt_range[joints, 0], -2 * np.pi),
-            upper=np.where(limited, model.jnt_range[joints, 1], 2 * np.pi),
-            home=np.array(self._robot.init_qpos, dtype=np.float64),
-            site=int(self._robot.eef_site_id[arm]),
-        )
-        self._base_site = model.site(f"{self._robot.robot_model.naming_prefix}{arm}_center").id
-        self._gripper = Gripper(self._robot, model, self.data, self.robot.spare_finger)
 
     @property
     def sim(self) -> Any:
@@ -130,7 +122,7 @@ class ManipulationEnv:
 
     @property
     def action_dim(self) -> int:
-        """Length of an action: three of position, three of rotation, one of the gripper."""
+        """Length of an action: for each arm three of position, three of rotation, one of the gripper."""
         return self._env.action_dim
 
     def reset(self, seed: int) -> None:
@@ -144,14 +136,15 @@ class ManipulationEnv:
 
         Args:
             action: (7,) in [-1, 1]: position delta (times 0.05 m), rotation vector delta (times 0.5 rad), both in the
-                frame of :attr:`base_rotation`, and the gripper (-1 opens, 1 closes).
+                frame of :attr:`base_rotation`, and the gripper (-1 opens, 1 closes). With several arms (7 arms,), one
+                after the other.
 
         Raises:
-            ShapeError: the action is not (7,).
+            ShapeError: the action has another shape.
         """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.action_dim,):
-            raise ShapeError(f"an action of {self.robot.name} has shape ({self.action_dim},), not {action.shape}")
+            raise ShapeError(f"an action of {self.task.name} has shape ({self.action_dim},), not {action.shape}")
         if self._control is None:
             self._env.step(action)
         else:
@@ -165,29 +158,26 @@ class ManipulationEnv:
 
     def eef_pose(self) -> Pose:
         """Pose of the end-effector site, midway between the finger tips."""
-        return site_pose(self.data, self._arm.site)
+        return self.arms[0].eef_pose()
 
     @property
     def base_rotation(self) -> np.ndarray:
-        """(3, 3) rotation, frame of the action's deltas -> world.
-
-        On some arms robosuite hangs that frame on the first moving link, so it turns with the arm: read it each step.
-        """
-        return self.data.site_xmat[self._base_site].reshape(3, 3).copy()
+        """(3, 3) rotation, frame of the action's deltas -> world; see :attr:`RobotArm.base_rotation`."""
+        return self.arms[0].base_rotation
 
     @property
     def gripper_opening(self) -> float:
         """Gap between the finger pads, metres."""
-        return self._gripper.opening
+        return self.arms[0].gripper_opening
 
     def success(self) -> bool:
         """robosuite's own verdict."""
         return bool(self._env._check_success())
 
-    def in_contact(self, object_name: str | None = None) -> bool:
+    def in_contact(self, object_name: str | None = None, arm: int = 0) -> bool:
         """Whether both sides of the gripper touch an object. Privileged: tells failures apart, not for control."""
         body = self._objects[self.task.object(object_name).name][0]
-        return self._gripper.touches(np.flatnonzero(self.model.geom_bodyid == body))
+        return self.arms[arm].gripper.touches(np.flatnonzero(self.model.geom_bodyid == body))
 
     def observe(self) -> dict[str, np.ndarray]:
         """Pictures of the chosen cameras in the chosen mode, (h, w, 3) uint8 by camera name."""
@@ -247,9 +237,15 @@ class ManipulationEnv:
         self._forward()
 
     def place_eef(
-        self, pose: Pose, opening: float | None = None, *, tolerance: float = 1e-3, restarts: int = _RESTARTS
+        self,
+        pose: Pose,
+        opening: float | None = None,
+        *,
+        arm: int = 0,
+        tolerance: float = 1e-3,
+        restarts: int = _RESTARTS,
     ) -> float:
-        """Put the arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
+        """Put an arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
 
         Starts from the present posture, so a trajectory placed step by step is followed without jumps, then from
         the home posture and from seeded variations of it.
@@ -257,25 +253,28 @@ class ManipulationEnv:
         Args:
             pose: of the site, world frame.
             opening: gap between the finger pads, metres; unchanged if not given.
+            arm: its number.
             tolerance: no further start is tried once the error is below this, metres.
             restarts: how many variations of the home posture to try.
 
         Returns:
             The remaining error in metres, a radian counted as 0.1 m.
         """
-        noise = np.random.default_rng(0).normal(0.0, 0.5, (restarts, len(self._arm.home)))
-        starts = [self.data.qpos[self._arm.qpos].copy(), self._arm.home, *(self._arm.home + noise)]
-        error = reach(self.model, self.data, self._arm, pose, starts, tolerance)
+        joints = self.arms[arm].joints
+        noise = np.random.default_rng(0).normal(0.0, 0.5, (restarts, len(joints.home)))
+        starts = [self.data.qpos[joints.qpos].copy(), joints.home, *(joints.home + noise)]
+        error = reach(self.model, self.data, joints, pose, starts, tolerance)
         if opening is not None:
-            self._gripper.set_opening(opening)
-        self.data.qvel[self._arm.dofs] = 0.0
+            self.arms[arm].gripper.set_opening(opening)
+        self.data.qvel[joints.dofs] = 0.0
         self._forward()
         return error
 
     def _forward(self) -> None:
-        """Follow a state that was set: the first step after a reset else starts where the reset had put the arm."""
+        """Follow a state that was set: the first step after a reset else starts where the reset had put the arms."""
         self.sim.forward()
-        self._robot.part_controllers[self._robot.arms[0]].new_update = True
+        for arm in self.arms:
+            arm.robot.part_controllers[arm.robot.arms[0]].new_update = True
 
     def close(self) -> None:
         """Free the OpenGL contexts and the simulation."""

@@ -20,9 +20,9 @@ _RENDER_SIZE = (480, 360)
 
 
 class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
-    """One arm on one task.
+    """One arm on one task, or several where the task takes them.
 
-    Action: Box(-1, 1, (7,), float32), see :meth:`ocplanner.envs.ManipulationEnv.step`. Observation, a dictionary:
+    Action: Box(-1, 1, (7 arms,), float32), see :meth:`ocplanner.envs.ManipulationEnv.step`. Observation, a dictionary:
 
     ===================  =================  =========================================================================
     ``<camera>_image``   (h, w, 3) uint8    what each camera sees in the chosen observation mode, upright
@@ -32,6 +32,8 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ``eef_rot6d``        (6,) float32       the first two columns of its rotation matrix
     ``gripper_opening``  (1,) float32       gap between the finger pads, metres
     ===================  =================  =========================================================================
+
+    Of further arms there are ``eef1_position``, ``eef1_rot6d`` and ``gripper1_opening``, and so on.
 
     The reward is 1 in the step in which the task succeeds, which terminates the episode, and 0 otherwise; reaching the
     horizon truncates it. ``info["success"]`` says which it was.
@@ -62,6 +64,7 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.render_mode = render_mode
         self.env = make_env(task, robot, **options)
         self._render_camera = render_camera or (*self.env.cameras, *self.env.task.cameras)[0]
+        self._numbers = ("", *range(1, len(self.env.arms)))
         size = self.env.image_size
         picture = spaces.Box(0, 255, (size, size, 3), np.uint8)
         position = spaces.Box(-_FARTHEST_M, _FARTHEST_M, (3,), np.float32)
@@ -72,9 +75,11 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 **{f"{camera}_image": picture for camera in self.env.cameras},
                 "object_position": position,
                 "object_rot6d": rot6d,
-                "eef_position": position,
-                "eef_rot6d": rot6d,
-                "gripper_opening": spaces.Box(0.0, _WIDEST_M, (1,), np.float32),
+                **{f"eef{number}_position": position for number in self._numbers},
+                **{f"eef{number}_rot6d": rot6d for number in self._numbers},
+                **{
+                    f"gripper{number}_opening": spaces.Box(0.0, _WIDEST_M, (1,), np.float32) for number in self._numbers
+                },
             }
         )
 
@@ -105,10 +110,12 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def _observation(self) -> dict[str, np.ndarray]:
         found = {f"{camera}_image": picture for camera, picture in self.env.observe().items()}
-        for name, pose in (("object", self.env.object_pose()), ("eef", self.env.eef_pose())):
+        poses = {f"eef{number}": arm.eef_pose() for number, arm in zip(self._numbers, self.env.arms)}
+        for name, pose in {"object": self.env.object_pose(), **poses}.items():
             found[f"{name}_position"] = np.clip(pose.position, -_FARTHEST_M, _FARTHEST_M).astype(np.float32)
             found[f"{name}_rot6d"] = _rot6d(pose)
-        found["gripper_opening"] = np.clip([self.env.gripper_opening], 0.0, _WIDEST_M).astype(np.float32)
+        for number, arm in zip(self._numbers, self.env.arms):
+            found[f"gripper{number}_opening"] = np.clip([arm.gripper_opening], 0.0, _WIDEST_M).astype(np.float32)
         return found
 
 

@@ -30,7 +30,7 @@ def attach(env: MujocoEnv) -> "NativeControl | None":
     """Makes ``env.step`` run natively, with the results of robosuite's own.
 
     Args:
-        env: a robosuite environment, not wrapped, with one arm under ``OSC_POSE`` in the ``BASIC`` composite
+        env: a robosuite environment, not wrapped, with one-armed robots under ``OSC_POSE`` in the ``BASIC`` composite
             controller.
 
     Returns:
@@ -58,16 +58,15 @@ class NativeControl:
     def bind(self) -> "_Binding | None":
         """Binds to the present simulation and controllers, or None, after one warning, if they are not supported."""
         env, bound = self.env, self._bound
-        robot = env.robots[0]
-        composite = robot.composite_controller
-        if bound is not None and bound.composite is composite and bound.enabled is robot._enabled_parts:
+        if bound is not None and bound.holds(env):
             return bound
+        composite = env.robots[0].composite_controller
         if composite is not None and self._refused is composite:
             return None
         reason = _unsupported(env)
         if reason is None:
             try:
-                self._bound = _Binding(env, bound.loop if bound and bound.data is env.sim.data._data else None)
+                self._bound = _Binding(env, bound)
                 return self._bound
             except (OcplannerError, AttributeError) as error:
                 reason = str(error)
@@ -96,7 +95,7 @@ class NativeControl:
         if bound is None:
             return type(env).step(env, action)
         self._begin(bound, action)
-        advance_observables(env, bound.loop.advance, bound.substeps)
+        advance_observables(env, bound.advance, bound.substeps)
         bound.settle()
         env.cur_time += env.control_timestep
         reward, done, info = env._post_action(action)
@@ -121,7 +120,7 @@ class NativeControl:
             type(env).step(env, action)
             return
         self._begin(bound, action)
-        bound.loop.advance(bound.substeps)
+        bound.advance(bound.substeps)
         bound.settle()
         env.cur_time += env.control_timestep
         env.done = env.timestep >= env.horizon and not env.ignore_done
@@ -148,13 +147,45 @@ class _Step:
 
 
 class _Binding:
-    """The loop over one simulation and the controllers that one reset has made."""
+    """The loops over one simulation and the controllers that one reset has made; the first arm's runs the physics."""
 
-    def __init__(self, env: Any, loop: "_core.ControlLoop | None") -> None:
-        robot = env.robots[0]
-        self.robot, self.composite, self.enabled = robot, robot.composite_controller, robot._enabled_parts
-        self.model, self.data = env.sim.model._model, env.sim.data._data
+    def __init__(self, env: Any, before: "_Binding | None") -> None:
+        self.data = env.sim.data._data
+        kept = [] if before is None or before.data is not self.data else [arm.loop for arm in before.arms]
+        loops = kept or [None] * len(env.robots)
         self.substeps = int(env.control_timestep / env.model_timestep)
+        self.arms = [_ArmBinding(env, robot, loop) for robot, loop in zip(env.robots, loops, strict=True)]
+        self.advance = self.arms[0].loop.advance
+        if not kept:
+            for arm in self.arms[1:]:
+                self.arms[0].loop.add(arm.loop)
+
+    def holds(self, env: Any) -> bool:
+        """Whether the robots still have the controllers that were bound."""
+        for arm, robot in zip(self.arms, env.robots):
+            if arm.composite is not robot.composite_controller or arm.enabled is not robot._enabled_parts:
+                return False
+        return True
+
+    def begin(self, action: np.ndarray) -> None:
+        """The first substep up to the actuators' commands: each arm's share of the action in turn."""
+        start = 0
+        for arm in self.arms:
+            arm.begin(action[start : start + arm.width])
+            start += arm.width
+
+    def settle(self) -> None:
+        """Leaves in robosuite's controllers what they would have measured and computed last."""
+        for arm in self.arms:
+            arm.settle()
+
+
+class _ArmBinding:
+    """The loop of one arm."""
+
+    def __init__(self, env: Any, robot: Any, loop: "_core.ControlLoop | None") -> None:
+        self.robot, self.composite, self.enabled = robot, robot.composite_controller, robot._enabled_parts
+        self.data, self.width = env.sim.data._data, robot.action_dim
         self.arm: Any = self.composite.part_controllers["right"]
         self.gripper: Any = self.composite.part_controllers["right_gripper"]
         self.arm_slice = slice(*self.composite._action_split_indexes["right"])
@@ -162,7 +193,7 @@ class _Binding:
         self.wrench = [_sensor(env.sim.model, name) for name in robot.gripper["right"].important_sensors.values()]
         site = env.sim.model.site_name2id
         self.loop = loop or _core.ControlLoop(
-            self.model,
+            env.sim.model._model,
             self.data,
             eef_site=site(self.arm.ref_name),
             base_site=site(f"{self.arm.naming_prefix}{self.arm.part_name}_center"),
@@ -249,9 +280,20 @@ def _unsupported(env: Any) -> str | None:
         return f"the observables of {kind.__name__}"
     if env.has_renderer or env.viewer is not None:
         return "an on-screen viewer"
-    if len(env.robots) != 1 or type(env.robots[0]) is not FixedBaseRobot or env.robots[0].arms != ["right"]:
-        return "anything but one fixed arm"
-    robot = env.robots[0]
+    if len(env.robots) > 1 and not env.lite_physics:
+        return "several arms with full physics"
+    for robot in env.robots:
+        if (reason := _unsupported_robot(robot)) is not None:
+            return reason
+    if any(getattr(mujoco, f"get_mjcb_{name}")() is not None for name in _CALLBACKS):
+        return "MuJoCo callbacks"
+    return None
+
+
+def _unsupported_robot(robot: Any) -> str | None:
+    """What about a robot keeps its environment from running natively, or None."""
+    if type(robot) is not FixedBaseRobot or robot.arms != ["right"]:
+        return "anything but fixed robots of one arm"
     composite = robot.composite_controller
     parts = composite.part_controllers
     if type(composite) is not CompositeController or list(parts) != ["right", "right_gripper"]:
@@ -269,6 +311,4 @@ def _unsupported(env: Any) -> str | None:
         return "limits on the goal"
     if type(gripper) is not SimpleGripController or gripper.interpolator is not None:
         return f"the gripper's controller {type(gripper).__name__}"
-    if any(getattr(mujoco, f"get_mjcb_{name}")() is not None for name in _CALLBACKS):
-        return "MuJoCo callbacks"
     return None

@@ -1,5 +1,6 @@
 """Named corrections to robosuite's models, each applied to the model's XML before it is compiled."""
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
@@ -11,17 +12,20 @@ def _sawyer_base_contact(root: ET.Element) -> None:
 
     A contact exclusion names bodies, not geoms; these two bodies have no other colliding geoms.
     """
-    bodies = {geom.get("name"): body.get("name", "") for body in root.iter("body") for geom in body.findall("geom")}
+    bodies = {geom.get("name", ""): body.get("name", "") for body in root.iter("body") for geom in body.findall("geom")}
     contact = root.find("contact")
     if contact is None:
         contact = ET.SubElement(root, "contact")
-    ET.SubElement(
-        contact,
-        "exclude",
-        name="sawyer-base-contact",
-        body1=bodies["robot0_base_col"],
-        body2=bodies["robot0_link0_collision"],
-    )
+    bases = [name for name in bodies if re.fullmatch(r"robot\d+_base_col", name)]
+    for base in bases:
+        robot = base.removesuffix("base_col")
+        ET.SubElement(
+            contact,
+            "exclude",
+            name=f"{robot}sawyer-base-contact",
+            body1=bodies[base],
+            body2=bodies[f"{robot}link0_collision"],
+        )
 
 
 PATCHES: dict[str, Callable[[ET.Element], None]] = {"sawyer-base-contact": _sawyer_base_contact}

@@ -1,5 +1,6 @@
 """The cameras of one environment, and what they see."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from ocplanner.envs.visuals import MASK_RGB, VisualPreset
 from ocplanner.errors import UnknownNameError
 
 _VISUAL_GROUP = 1
+_ROBOT = re.compile(r"(robot|gripper)\d+_")
 
 
 class Cameras:
@@ -87,7 +89,7 @@ class Cameras:
 
 
 def robot_geoms(model: Any) -> np.ndarray:
-    """Ids of the visual geoms of the arm and its gripper, without the pedestal, which is the same for all arms."""
+    """Ids of the visual geoms of the arms and their grippers, without the pedestals, the same for all arms."""
     names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or "" for body in range(model.nbody))
-    of_robot = np.array([name.startswith(("robot0_", "gripper0_")) for name in names])
+    of_robot = np.array([_ROBOT.match(name) is not None for name in names])
     return np.flatnonzero(of_robot[model.geom_bodyid] & (model.geom_group == _VISUAL_GROUP))

@@ -24,7 +24,7 @@ def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patc
 
     environment = _with_model_edit(REGISTERED_ENVS[task.env_name], edit)
     return environment(
-        robots=robot.name,
+        robots=[robot.name] * task.arms,
         has_renderer=False,
         has_offscreen_renderer=False,
         use_camera_obs=False,

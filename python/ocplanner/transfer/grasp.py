@@ -96,14 +96,7 @@ def take_hold(
     Raises:
         HorizonReached: the episode ended before.
     """
-    wide = opening_before(spec, robot)
-    met = 0.0 if robot.spread is None or wide == np.inf else wide - robot.spread
-    for _ in range(settings.settle_steps):
-        body.wait(toward(wide, body.read().opening))
-    grasp = choose_grasp(spec, robot, body.read(), reach)
-    _approach(body, grasp, settings.clearance + settings.hover, 3 * settings.near, wide, settings)
-    _approach(body, grasp, settings.clearance, settings.near, wide, settings)
-    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings)
+    close_around(body, spec, robot, settings, reach)
     held_at = body.read()
     grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
     for _ in range(settings.approach_steps):
@@ -126,6 +119,25 @@ def opening_before(spec: ObjectSpec, robot: RobotSpec) -> float:
 def toward(wide: float, opening: float) -> float:
     """The gripper's command on the way to a gap: it opens, and stays once it is as wide."""
     return OPEN if opening < wide else STAY
+
+
+def close_around(
+    body: Body, spec: ObjectSpec, robot: RobotSpec, settings: GraspSettings, reach: Foresight | None = None
+) -> None:
+    """Open as far as the object needs, approach from above and close.
+
+    Raises:
+        HorizonReached: the episode ended before.
+    """
+    wide = opening_before(spec, robot)
+    met = 0.0 if robot.spread is None or wide == np.inf else wide - robot.spread
+    for _ in range(settings.settle_steps):
+        body.wait(toward(wide, body.read().opening))
+    grasp = choose_grasp(spec, robot, body.read(), reach)
+    hover = settings.hover if spec.hover is None else spec.hover
+    _approach(body, grasp, settings.clearance + hover, 3 * settings.near, wide, settings)
+    _approach(body, grasp, settings.clearance, settings.near, wide, settings)
+    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings)
 
 
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:

@@ -10,7 +10,7 @@
 //!   order and length that the model's sizes ask for, and every index to lie inside its array.
 //! * An element is read or written through a raw pointer after a bounds check; no Rust reference to MuJoCo's memory
 //!   outlives one element, so MuJoCo may write between two reads.
-//! * The loop is borrowed mutably while it runs. As with `mujoco.mj_step`, which releases the GIL too, the caller must
+//! * The loop is borrowed mutably while it runs, and so are those of other arms that run along. As with `mujoco.mj_step`, which releases the GIL too, the caller must
 //!   not step the same data from another thread meanwhile.
 //!
 //! A fatal MuJoCo error (an exhausted arena) ends the process with MuJoCo's own message; `mujoco.mj_step` would raise.
@@ -115,6 +115,11 @@ impl Simulation {
             sizes,
             _owners: [model.clone().unbind(), data.clone().unbind()],
         })
+    }
+
+    /// Whether both drive the same `MjData`.
+    pub fn same_data(&self, other: &Self) -> bool {
+        std::ptr::eq(self.data, other.data)
     }
 
     /// The body that a site is fixed to.

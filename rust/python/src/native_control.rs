@@ -1,4 +1,4 @@
-//! The binding of the control loop of one arm inside MuJoCo.
+//! The binding of the control loop of one arm inside MuJoCo, or of several together.
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use ocplanner_core::osc::{ActionFrame, ArmState, Joints, MAX_JOINTS, Site};
@@ -50,6 +50,8 @@ type Measured<'py> = (
 #[pyclass(module = "ocplanner._core")]
 pub struct ControlLoop {
     plant: Plant,
+    /// Loops of further arms, which run along.
+    others: Vec<Py<ControlLoop>>,
 }
 
 #[pymethods]
@@ -82,7 +84,26 @@ impl ControlLoop {
             uncouple,
             lite_physics,
         };
-        Ok(Self { plant: Plant::new(model, data, wiring)? })
+        Ok(Self { plant: Plant::new(model, data, wiring)?, others: Vec::new() })
+    }
+
+    /// Lets the loop of another arm on the same data run along from now on.
+    ///
+    /// In each control step `begin` this loop, then the others, then `advance` this one alone.
+    ///
+    /// Raises:
+    ///     InvalidValueError: if the other's data differ, it is this loop, one of the two was added to a loop before,
+    ///         the other has loops of its own, or physics is not lite.
+    fn add(&mut self, other: &Bound<'_, Self>) -> PyResult<()> {
+        let py = other.py();
+        let refuse = |why: &str| named(py, "InvalidValueError", format!("add: {why}"));
+        let mut added = other.try_borrow_mut().map_err(|_| refuse("a loop cannot be added to itself"))?;
+        if !added.others.is_empty() {
+            return Err(refuse("the loop leads others"));
+        }
+        added.plant.follow(&self.plant).map_err(refuse)?;
+        self.others.push(other.clone().unbind());
+        Ok(())
     }
 
     /// Begins a control step: the first substep's kinematics, the goal, the torques and the actuators' commands.
@@ -119,16 +140,25 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Runs `substeps` substeps of the control step, the one begun included.
+    /// Runs `substeps` substeps of the control step, the one begun included, of this arm and of those added to it.
     ///
     /// Raises:
-    ///     InvalidValueError: before the first `begin`.
+    ///     InvalidValueError: before the first `begin` of one of them, or for a loop that was added to another.
     fn advance(&mut self, py: Python<'_>, #[pyo3(from_py_with = count)] substeps: usize) -> PyResult<()> {
-        if !self.plant.has_goal() {
-            return Err(named(py, "InvalidValueError", "advance: no control step has begun".to_owned()));
+        let refuse = |why: &str| named(py, "InvalidValueError", format!("advance: {why}"));
+        if self.plant.is_led() {
+            return Err(refuse("the loop was added to another, which advances both"));
+        }
+        let mut others = Vec::with_capacity(self.others.len());
+        for other in &self.others {
+            others.push(other.try_borrow_mut(py).map_err(|_| refuse("an added loop is in use"))?);
+        }
+        if !self.plant.has_goal() || others.iter().any(|other| !other.plant.has_goal()) {
+            return Err(refuse("no control step has begun"));
         }
         let plant = &mut self.plant;
-        py.detach(|| plant.advance(substeps));
+        let mut led: Vec<&mut Plant> = others.iter_mut().map(|other| &mut other.plant).collect();
+        py.detach(|| plant.advance(substeps, &mut led));
         Ok(())
     }
 

@@ -1,4 +1,5 @@
-//! The control loop of one arm: what the controller measures in each substep, and what it commands.
+//! The control loop of one arm: what the controller measures in each substep, and what it commands. Of several arms in
+//! one simulation, the first runs the physics and the others compute their torques in the same substeps.
 
 use ocplanner_core::osc::{self, ActionFrame, ArmState, Gains, Goal, Joints, MAX_JOINTS, Site};
 use pyo3::prelude::*;
@@ -91,6 +92,8 @@ pub struct Plant {
     has_goal: bool,
     /// A substep's commands are set, the physics has yet to follow.
     begun: bool,
+    /// Another arm's plant runs the physics.
+    led: bool,
 }
 
 impl Plant {
@@ -116,6 +119,7 @@ impl Plant {
             remembered: false,
             has_goal: false,
             begun: false,
+            led: false,
             simulation,
             wiring,
         })
@@ -126,12 +130,33 @@ impl Plant {
         self.has_goal
     }
 
+    /// Whether another plant runs the physics.
+    pub fn is_led(&self) -> bool {
+        self.led
+    }
+
+    /// Leaves the physics to another plant of the same simulation, or says why it cannot.
+    pub fn follow(&mut self, leader: &Plant) -> Result<(), &'static str> {
+        if !self.simulation.same_data(&leader.simulation) {
+            return Err("the loops' data differ");
+        }
+        if self.led || leader.led {
+            return Err("a loop that was added to another takes part once, and nothing is added to it");
+        }
+        if !(self.wiring.lite_physics && leader.wiring.lite_physics) {
+            return Err("several arms need lite_physics");
+        }
+        self.led = true;
+        Ok(())
+    }
+
     /// Makes the next [`Plant::begin`] use this measurement instead of the simulation's state.
     pub fn remember(&mut self, state: ArmState) {
         (self.state, self.remembered) = (state, true);
     }
 
-    /// The first substep up to the actuators' commands, for a goal displaced by `delta`.
+    /// The first substep up to the actuators' commands, for a goal displaced by `delta`. A plant that is led begins
+    /// after its leader, which runs the substep's kinematics.
     pub fn begin(&mut self, delta: &[f64; 6]) {
         self.measure();
         self.goal = osc::goal(&self.state.eef, &self.base, self.wiring.frame, delta);
@@ -139,12 +164,16 @@ impl Plant {
         (self.has_goal, self.begun) = (true, true);
     }
 
-    /// Runs substeps, the one begun included.
-    pub fn advance(&mut self, substeps: usize) {
+    /// Runs substeps, the one begun included, together with the plants that this one leads.
+    pub fn advance(&mut self, substeps: usize, led: &mut [&mut Plant]) {
         for _ in 0..substeps {
             if !self.begun {
                 self.measure();
                 self.actuate();
+                for plant in led.iter_mut() {
+                    plant.measure();
+                    plant.actuate();
+                }
             }
             self.begun = false;
             self.simulation.run(if self.wiring.lite_physics { Phase::Step2 } else { Phase::Step });
@@ -153,7 +182,9 @@ impl Plant {
 
     /// The substep's kinematics and what the controller sees of them.
     fn measure(&mut self) {
-        self.simulation.run(if self.wiring.lite_physics { Phase::Step1 } else { Phase::Forward });
+        if !self.led {
+            self.simulation.run(if self.wiring.lite_physics { Phase::Step1 } else { Phase::Forward });
+        }
         let remembered = std::mem::take(&mut self.remembered);
         if !self.wiring.lite_physics && !remembered {
             // robosuite's controller runs it once more before it reads.

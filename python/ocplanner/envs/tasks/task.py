@@ -36,6 +36,9 @@ class ObjectSpec:
         yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
             any yaw is, 1 that only one is.
         let_go: whether the goal wants it let go of; False: it stays in the hand.
+        hover: height above the grasp, metres, from which the hand comes down on it, where walls stand round it; the
+            grasp primitive's own if not given.
+        arms: numbers of the arms that carry it; the first takes it and hands it over to the next.
     """
 
     name: str
@@ -43,6 +46,8 @@ class ObjectSpec:
     grasps: tuple[GraspFrame, ...]
     yaw_fold: int = 1
     let_go: bool = True
+    hover: float | None = None
+    arms: tuple[int, ...] = (0,)
 
     def grasp(self, name: str) -> GraspFrame:
         """The grasp called ``name``.
@@ -73,6 +78,11 @@ class Task:
     objects: tuple[ObjectSpec, ...]
     cameras: tuple[str, ...] = ("agentview",)
     horizon: int = 400
+
+    @property
+    def arms(self) -> int:
+        """How many arms it takes."""
+        return 1 + max(arm for spec in self.objects for arm in spec.arms)
 
     def object(self, name: str | None = None) -> ObjectSpec:
         """The object called ``name``, or the main one.

@@ -1,0 +1,76 @@
+"""The arms of one environment as a program moves them: one at a time, while the others wait."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ocplanner import _core
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import OPEN
+
+
+class Hands:
+    """The arm in play and the object in play: an :class:`ocplanner.transfer.body.Arm`.
+
+    The other arms hold their hands where they were when they were last in play, or go where they are to wait, and keep
+    their grippers as they were.
+
+    Args:
+        env: the environment.
+        law: how a waiting hand is kept in its place.
+        on_action: called before each control step with the action of all arms (7 arms,).
+    """
+
+    def __init__(self, env: ManipulationEnv, law: _core.DeltaPoseLaw, on_action: Callable[[np.ndarray], None]) -> None:
+        self._env, self._law, self._on_action = env, law, on_action
+        self._arm, self._object = 0, env.task.object().name
+        self._places = [arm.eef_pose() for arm in env.arms]
+        self._grips = [OPEN for _ in env.arms]
+
+    def put_in_play(self, name: str, arm: int) -> None:
+        """From now on this object is read, and this arm moves.
+
+        Args:
+            name: of the object.
+            arm: its number.
+        """
+        self._places[self._arm] = self.eef_pose()
+        self._arm, self._object = arm, name
+
+    def wait_at(self, place: Pose, arm: int) -> None:
+        """Where an arm is to wait that is not in play, world."""
+        self._places[arm] = place
+
+    def step(self, action: np.ndarray) -> None:
+        """One control step of the arm in play, (7,)."""
+        self._grips[self._arm] = float(action[6])
+        shares = [action if arm == self._arm else self._keep(arm) for arm in range(len(self._env.arms))]
+        whole = np.concatenate(shares)
+        self._on_action(whole)
+        self._env.step(whole)
+
+    def object_pose(self) -> Pose:
+        """Of the object in play."""
+        return self._env.object_pose(self._object)
+
+    def eef_pose(self) -> Pose:
+        """Of the arm in play."""
+        return self._env.arms[self._arm].eef_pose()
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        """Of the arm in play."""
+        return self._env.arms[self._arm].base_rotation
+
+    @property
+    def gripper_opening(self) -> float:
+        """Of the arm in play."""
+        return self._env.arms[self._arm].gripper_opening
+
+    def _keep(self, number: int) -> np.ndarray:
+        """(7,) action of an arm that waits: without it the hand would sink under its load."""
+        arm = self._env.arms[number]
+        hand = arm.eef_pose()
+        delta = _core.delta_pose_action(hand, self._places[number], hand, arm.base_rotation, self._law)
+        return np.append(delta, self._grips[number])

@@ -1,0 +1,54 @@
+"""Transport: one arm uncovers a hammer and hands it over to another, which has cleared a bin for it."""
+
+from math import pi
+
+import numpy as np
+
+from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
+from ocplanner.pose import Pose
+
+_HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
+_GRIPS = (("head", 0.07), ("upper", 0.03), ("lower", -0.035), ("foot", -0.08))  # from the middle of the handle, m
+_OVER_THE_WALLS = 0.19  # of the bins, 0.15 m high
+
+
+def _handle(name: str, along: float, up: float, closing: float) -> GraspFrame:
+    """Of the hammer, whose z leads along the handle to the head and which lies with its y or its -y up."""
+    rotation = np.column_stack([[closing, 0.0, 0.0], [0.0, 0.0, up * closing], [0.0, -up, 0.0]])
+    return GraspFrame(name, Pose(np.array([0.0, 0.0, along]), rotation))
+
+
+TASK = Task(
+    name="Transport",
+    env_name="TwoArmTransport",
+    objects=(
+        ObjectSpec(
+            name="lid",
+            joint="transport_start_bin_lid_joint0",
+            grasps=tuple(top_grasp(f"handle-{half}", (0.0, 0.0, _HANDLE), half * pi) for half in range(2)),
+            yaw_fold=0,
+        ),
+        ObjectSpec(
+            name="trash",
+            joint="trash_joint0",
+            grasps=tuple(top_grasp(f"sides-{quarter}", (0.0, 0.0, 0.0), quarter * pi / 2) for quarter in range(4)),
+            yaw_fold=0,
+            hover=_OVER_THE_WALLS,
+            arms=(1,),
+        ),
+        ObjectSpec(
+            name="payload",
+            joint="payload_joint0",
+            grasps=tuple(
+                _handle(f"{end}-{side}-{half}", along, up, closing)
+                for end, along in _GRIPS
+                for side, up in (("above", 1.0), ("below", -1.0))
+                for half, closing in enumerate((1.0, -1.0))
+            ),
+            yaw_fold=0,
+            hover=_OVER_THE_WALLS,
+            arms=(0, 1),
+        ),
+    ),
+    horizon=700,
+)

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from ocplanner import _core
+from ocplanner.demos.arms import Hands
+from ocplanner.envs.environment import make_env
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import CLOSE, OPEN
+
+
+@pytest.fixture(scope="module")
+def env():
+    with make_env("Transport", cameras=()) as made:
+        yield made
+
+
+def _hands(env):
+    env.reset(500)
+    actions = []
+    return Hands(env, _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5), actions.append), actions
+
+
+def test_one_arm_moves_and_the_other_stays(env):
+    hands, actions = _hands(env)
+    starts = [arm.eef_pose().position for arm in env.arms]
+    hands.put_in_play("trash", 1)
+    for _ in range(20):
+        hands.step(np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0, CLOSE]))
+    ends = [arm.eef_pose().position for arm in env.arms]
+    assert np.linalg.norm(ends[0] - starts[0]) < 0.003
+    assert ends[1][2] - starts[1][2] > 0.05
+    assert [action.shape for action in actions] == [(14,)] * 20
+    assert (actions[-1][6], actions[-1][13]) == (OPEN, CLOSE)
+    np.testing.assert_array_equal(hands.eef_pose().position, ends[1])
+    np.testing.assert_array_equal(hands.object_pose().position, env.object_pose("trash").position)
+    hands.put_in_play("lid", 0)
+    for _ in range(20):
+        hands.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPEN]))
+    assert np.linalg.norm(env.arms[1].eef_pose().position - ends[1]) < 0.01
+    assert actions[-1][13] == CLOSE  # a waiting hand keeps what it holds
+
+
+def test_a_waiting_arm_goes_where_it_is_to_wait(env):
+    hands, _ = _hands(env)
+    start = env.arms[1].eef_pose()
+    place = Pose(start.position + np.array([0.0, 0.0, 0.1]), start.rotation)
+    hands.wait_at(place, 1)
+    for _ in range(40):
+        hands.step(np.zeros(7))
+    assert np.linalg.norm(env.arms[1].eef_pose().position - place.position) < 0.005
