@@ -7,7 +7,8 @@ import h5py
 import numpy as np
 
 from ocplanner.demos.hdf5 import HDF5File
-from ocplanner.demos.layouts import TASK_OBJECTS, Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.errors import DatasetError, ObjectLayoutError
 
 
@@ -196,7 +197,7 @@ class Demonstration:
     @property
     def object_names(self) -> tuple[str, ...]:
         """The objects whose poses the task records; empty for a task that ocplanner does not know."""
-        task = TASK_OBJECTS.get(self._recording.env_name)
+        task = recorded_task(self._recording.env_name)
         return () if task is None else task.objects
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -4,11 +4,13 @@ Decisions rest on the plans, the object's pose and where the hand holds it: no p
 """
 
 from collections import deque
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.envs.tasks.task import Placing
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import Foresight, Reading, raised
 from ocplanner.transfer.settings import TransferSettings
@@ -21,6 +23,7 @@ _SEARCH = np.array(
     [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
 )
 _UNSTICK_STEPS = 14
+_CLOSING_IN = 0.08  # m; a plan that leads no farther away is traced exactly
 _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
@@ -38,8 +41,10 @@ class Follower:
         settings: modes and thresholds.
         yaw_fold: symmetry of the goal, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         start: what is sensed when the object has just been taken.
-        let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         reach: where the arm gets to; without it every pose counts as reachable.
+        let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
+        placing: how it gets there, see the same.
+        tolerance: how exactly, metres and radians; the settings' numbers if not given.
     """
 
     def __init__(
@@ -50,14 +55,23 @@ class Follower:
         reach: Foresight | None = None,
         *,
         let_go: bool = True,
+        placing: Placing = "drop",
+        tolerance: tuple[float, float] | None = None,
     ) -> None:
         self.settings = settings
         self._lets_go = let_go
+        self._placing = placing
         self._rule = settings.following
+        if tolerance is not None:
+            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1])
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
         )
+        self._exact_controller = _core.DeltaPoseController(
+            settings.follow, gate_position=self._rule.aligned, gate_rotation=self._rule.aligned_rotation
+        )
+        self._closing_in = False
         self._reach = reach
         self._turned: np.ndarray | None = None
         self._start = start.object
@@ -67,7 +81,7 @@ class Follower:
         self._lifted = False
         self._still = 0
         self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
-        self._last_ends: deque[np.ndarray] = deque(maxlen=self._rule.goal_memory // 3)
+        self._last_ends: deque[Pose] = deque(maxlen=self._rule.goal_memory // 3)
         self._hold: float | None = None
         self._aligning = 0
         self._lowering: Reading | None = None
@@ -85,11 +99,15 @@ class Follower:
         """
         if rotations is not None:
             rotations = self._turn(positions, rotations, now)
-        self._controller.set_plan(np.ascontiguousarray(positions), rotations, now.object)
+        positions = np.ascontiguousarray(positions)
+        self._controller.set_plan(positions, rotations, now.object)
+        self._exact_controller.set_plan(positions, rotations, now.object)
+        farthest = np.linalg.norm(positions - now.object.position, axis=1).max()
+        self._closing_in = self._placing == "trace" and bool(farthest < _CLOSING_IN)
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
         end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
-        self._last_ends.append(end.position)
+        self._last_ends.append(end)
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
         elif self._ends and self._lowering is None:
@@ -102,7 +120,7 @@ class Follower:
         self._previous = here
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
-        target = Pose(*self._controller.target(here))
+        target = Pose(*(self._exact_controller if self._closing_in else self._controller).target(here))
         if not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
@@ -127,16 +145,18 @@ class Follower:
         """Whether the object has been lifted, rests, and the last plans lead nowhere else."""
         if len(self._last_ends) < (self._last_ends.maxlen or 0) or not self._has_lifted(here):
             return False
-        farthest = np.linalg.norm(np.array(self._last_ends) - here.position, axis=1).max()
+        farthest = max(float(np.linalg.norm(end.position - here.position)) for end in self._last_ends)
         return bool(farthest < self._rule.release and moved < self._rule.resting)
 
     def may_release(self, here: Pose, moved: float = 0.0) -> bool:
         """Whether the plans are fulfilled.
 
-        The object has gone well below where they end, which only one that hangs free there can; or it rests at that
-        height and coming free and trying again has not brought it lower. The blind modes do not press, so that for
-        them resting there is enough.
+        An object that is inserted, or led along the plan, has arrived. Any other has gone well below where they end,
+        which only one that hangs free there can; or it rests at that height and coming free and trying again has not
+        brought it lower. The blind modes do not press, so that for them resting there is enough.
         """
+        if self._placing != "drop" and self.settings.follow == "gated":
+            return self.has_arrived(here, moved)
         goal, rule = self.goal, self._rule
         if goal is None:
             return False
@@ -194,6 +214,8 @@ class Follower:
         if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
             return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
         self._lifted = True
+        if self._placing == "trace":
+            return Command(target, "transit")
         goal = self.goal
         if goal is not None:
             return self._let_down(now, goal, moved)

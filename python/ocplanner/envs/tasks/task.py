@@ -1,11 +1,14 @@
 """What a task is: a robosuite environment, the objects that matter in it, and where to hold them."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ocplanner.errors import UnknownNameError
 from ocplanner.pose import Pose
+
+Placing = Literal["drop", "insert", "trace"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class GraspFrame:
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """An object that a task is about.
+    """An object that a task is about. Where tasks have several, they are placed one after another, each as planned.
 
     Attributes:
         name: robosuite's name, the prefix of its sensors (``SquareNut`` of ``SquareNut_pos``).
@@ -34,6 +37,14 @@ class ObjectSpec:
         yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
             any yaw is, 1 that only one is.
         let_go: whether the goal wants it let go of; False: it stays in the hand.
+        placing: how it gets to where the plan ends, and when it is let go of. ``"drop"``: lined up above that place and
+            let down, until it hangs free there. ``"insert"``: in the same way, until it rests there. ``"trace"``: led
+            through each pose of the plan, until it rests at the last.
+        tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
+            if not given.
+        withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
+        detour: (3,) world positions, metres, that the hand passes on its way to the next object, turned as it was when
+            the episode began.
     """
 
     name: str
@@ -41,6 +52,10 @@ class ObjectSpec:
     grasps: tuple[GraspFrame, ...]
     yaw_fold: int = 1
     let_go: bool = True
+    placing: Placing = "drop"
+    tolerance: tuple[float, float] | None = None
+    withdraw: Literal["up", "back"] = "up"
+    detour: tuple[tuple[float, float, float], ...] = ()
 
     def grasp(self, name: str) -> GraspFrame:
         """The grasp called ``name``.

@@ -9,6 +9,8 @@ from ocplanner.pose import Pose
 
 # The frame lies on its side, its y pointing down, and is held by the grip on its vertical bar.
 _GRIP = np.array([0.04375, 0.0, 0.0525])
+# The hand is to the left of the stand then, and the tool to the right: behind the stand and over it.
+_ROUND_THE_STAND = ((-0.17, 0.2, 1.07), (-0.2, -0.2, 1.07))
 
 
 def _grip(name: str, closing: float) -> GraspFrame:
@@ -20,11 +22,21 @@ TASK = Task(
     name="ToolHang",
     env_name="ToolHang",
     objects=(
-        ObjectSpec(name="frame", joint="frame_joint0", grasps=(_grip("grip", 1.0), _grip("grip-turned", -1.0))),
+        ObjectSpec(
+            name="frame",
+            joint="frame_joint0",
+            grasps=(_grip("grip", 1.0), _grip("grip-turned", -1.0)),
+            placing="insert",
+            tolerance=(0.003, 0.05),
+            withdraw="back",
+            detour=_ROUND_THE_STAND,
+        ),
         ObjectSpec(
             name="tool",
             joint="tool_joint0",
             grasps=tuple(top_grasp(f"grip-{side}", (0.0, 0.0, 0.0), side * pi / 2) for side in (1, -1)),
+            placing="trace",
+            tolerance=(0.005, 0.06),
         ),
     ),
     horizon=700,
