@@ -122,7 +122,9 @@ class Carrier:
             HorizonReached: it took too long, here as in the other methods.
         """
         self._body.steady = True
-        spec = self._object if grasp is None else replace(self._object, grasps=(self._object.grasp(grasp),))
+        spec = replace(self._object, lean=0.0)
+        if grasp is not None:
+            spec = replace(spec, grasps=(spec.grasp(grasp),))
         grip_point = take_hold(self._body, spec, self._env.robot, _GRASP)
         if grip_point is None:
             raise ObjectLostError

@@ -24,6 +24,7 @@ _SEARCH = np.array(
 )
 _UNSTICK_STEPS = 14
 _CLOSING_IN = 0.08  # m; a plan that leads no farther away is traced exactly
+_LEVER = 0.1  # m; a turn by a radian counts as that much motion where turning matters
 _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
@@ -117,10 +118,13 @@ class Follower:
         """Where to move the object in this control step."""
         here = now.object
         moved = float(np.linalg.norm(here.position - self._previous.position))
+        if self._placing == "trace":
+            moved += _LEVER * angle_between(here.rotation, self._previous.rotation)
         self._previous = here
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
-        target = Pose(*(self._exact_controller if self._closing_in else self._controller).target(here))
+        exact = self._closing_in and self._still < self._rule.stuck_steps
+        target = Pose(*(self._exact_controller if exact else self._controller).target(here))
         if not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
@@ -146,7 +150,12 @@ class Follower:
         if len(self._last_ends) < (self._last_ends.maxlen or 0) or not self._has_lifted(here):
             return False
         farthest = max(float(np.linalg.norm(end.position - here.position)) for end in self._last_ends)
-        return bool(farthest < self._rule.release and moved < self._rule.resting)
+        if self._placing != "trace":
+            return farthest < self._rule.release and moved < self._rule.resting
+        widest = max(angle_between(end.rotation, here.rotation) for end in self._last_ends)
+        slack = 4.0 if self._still > self._rule.patience else 2.0
+        near = farthest < slack * self._rule.aligned and widest < slack * self._rule.aligned_rotation
+        return near and moved < self._rule.resting
 
     def may_release(self, here: Pose, moved: float = 0.0) -> bool:
         """Whether the plans are fulfilled.

@@ -12,7 +12,7 @@ from ocplanner.transfer.symmetry import yaw_rotation
 _UPRIGHT = yaw_rotation(np.pi)  # the frame's arm away from the robot, the hand from the left
 _ASIDE = np.array([0.0, 0.15, 0.0])  # from the stand, to where the hand is while it inserts the frame, m
 _ROUND_THE_STAND = np.array([(-0.06, 0.2, 0.05), (-0.1, -0.2, 0.05)])  # places of the hand from its first one, m
-_TILT = np.deg2rad(43)  # of the tool, ring up, when it is let go
+_TILT = np.deg2rad(49)  # of the tool, ring up, when it is let go
 _RING = 0.0097  # inner radius of the tool's ring, m
 
 

@@ -42,6 +42,7 @@ class ObjectSpec:
             through each pose of the plan, until it rests at the last.
         tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
             if not given.
+        lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
         detour: (3,) world positions, metres, that the hand passes on its way to the next object, turned as it was when
             the episode began.
@@ -54,6 +55,7 @@ class ObjectSpec:
     let_go: bool = True
     placing: Placing = "drop"
     tolerance: tuple[float, float] | None = None
+    lean: float = 0.0
     withdraw: Literal["up", "back"] = "up"
     detour: tuple[tuple[float, float, float], ...] = ()
 

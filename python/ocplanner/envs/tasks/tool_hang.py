@@ -28,6 +28,7 @@ TASK = Task(
             grasps=(_grip("grip", 1.0), _grip("grip-turned", -1.0)),
             placing="insert",
             tolerance=(0.003, 0.05),
+            lean=0.26,
             withdraw="back",
             detour=_ROUND_THE_STAND,
         ),
