@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.recorded_task import segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.demos.silhouettes import SilhouetteArm
 from ocplanner.envs import make_env
@@ -128,8 +129,11 @@ class FrameRenderer:
         """Where each of the task's objects is manipulated."""
         if self._settings.frames == "all" and not self._arms:
             return []
-        gripper = demo.actions[:, -1]
-        return [manipulation_segment(*demo.object_poses(spec.name), gripper) for spec in self._task.objects]
+        env_name, gripper = self._task.env_name, demo.actions[:, -1]
+        return [
+            manipulation_segment(*demo.object_poses(spec.name), gripper, segment_rule(env_name, spec.name))
+            for spec in self._task.objects
+        ]
 
     def _allocate(self, length: int) -> dict[str, np.ndarray]:
         settings, arrays = self._settings, {}

@@ -1,8 +1,10 @@
 """Which task an environment's recordings show, and which objects' poses they hold."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from ocplanner.demos.layouts import TASK_OBJECTS
+from ocplanner.demos.segments import DEFAULT_RULE, SegmentRule
 from ocplanner.envs.tasks import tasks
 
 
@@ -25,3 +27,16 @@ def recorded_task(env_name: str) -> RecordedTask | None:
         if task.env_name == env_name:
             return RecordedTask(task.name, tuple(spec.name for spec in task.objects))
     return None
+
+
+def segment_rule(env_name: str, object_name: str) -> SegmentRule:
+    """What counts as the manipulation of an object.
+
+    Of an object that is led through each pose of a plan, the last kept pose is the one in which it is let go of: those
+    after it, in which it falls, are not for a hand to lead it through.
+    """
+    for task in tasks().values():
+        if task.env_name == env_name:
+            traced = any(spec.name == object_name and spec.placing == "trace" for spec in task.objects)
+            return replace(DEFAULT_RULE, after=0) if traced else DEFAULT_RULE
+    return DEFAULT_RULE

@@ -24,6 +24,8 @@ _SEARCH = np.array(
 )
 _UNSTICK_STEPS = 14
 _CLOSING_IN = 0.08  # m; a plan that leads no farther away is traced exactly
+_WEDGED, _WEDGED_STEPS = 0.006, 30  # m; an object that is traced and moves less in so many steps is wedged
+_SLOW = 1.5  # times the speed at rest
 _LEVER = 0.1  # m; a turn by a radian counts as that much motion where turning matters
 _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
@@ -73,6 +75,7 @@ class Follower:
             settings.follow, gate_position=self._rule.aligned, gate_rotation=self._rule.aligned_rotation
         )
         self._closing_in = False
+        self._aim: Pose | None = None
         self._reach = reach
         self._turned: np.ndarray | None = None
         self._start = start.object
@@ -87,6 +90,7 @@ class Follower:
         self._aligning = 0
         self._lowering: Reading | None = None
         self._attempt = 0
+        self._track: deque[Pose] = deque(maxlen=_WEDGED_STEPS)
         self._unstick: Pose | None = None
         self._unstick_steps = 0
 
@@ -119,12 +123,11 @@ class Follower:
         here = now.object
         moved = float(np.linalg.norm(here.position - self._previous.position))
         if self._placing == "trace":
-            moved += _LEVER * angle_between(here.rotation, self._previous.rotation)
+            moved = self._motion(self._previous, here)
         self._previous = here
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
-        exact = self._closing_in and self._still < self._rule.stuck_steps
-        target = Pose(*(self._exact_controller if exact else self._controller).target(here))
+        target = self._target(here, moved)
         if not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
@@ -133,6 +136,15 @@ class Follower:
         if self.settings.follow != "gated":
             return Command(target, "transit")
         return self._gated(now, target, moved)
+
+    def _target(self, here: Pose, moved: float) -> Pose:
+        """The pose of the plan to aim at; one that is traced exactly keeps it until the object is slow."""
+        if not self._closing_in or self._still >= self._rule.stuck_steps:
+            self._aim = None
+            return Pose(*self._controller.target(here))
+        if self._aim is None or moved < _SLOW * self._rule.resting:
+            self._aim = Pose(*self._exact_controller.target(here))
+        return self._aim
 
     @property
     def goal(self) -> Pose | None:
@@ -224,7 +236,7 @@ class Follower:
             return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
         self._lifted = True
         if self._placing == "trace":
-            return Command(target, "transit")
+            return self._trace(here, target)
         goal = self.goal
         if goal is not None:
             return self._let_down(now, goal, moved)
@@ -236,9 +248,8 @@ class Follower:
     def _let_down(self, now: Reading, goal: Pose, moved: float) -> Command:
         rule, here = self._rule, now.object
         rotation = nearest_equivalent(goal.rotation, self._reference(here), self._yaw_fold)
-        ring = rule.search * (1 + self._attempt // len(_SEARCH))
         place = goal.position.copy()
-        place[:2] += ring * _SEARCH[self._attempt % len(_SEARCH)]
+        place[:2] += self._aside()
         if self._hold is None:  # fixed from here on: with every overshoot it would climb
             self._hold = max(self._top, float(goal.position[2]) + rule.lowering)
         if self._lowering is None:
@@ -261,6 +272,29 @@ class Follower:
             return self._come_free(here)
         place[2] = max(place[2] - rule.press, here.position[2] - rule.lower_step)
         return Command(Pose(place, rotation), "lower")
+
+    def _trace(self, here: Pose, target: Pose) -> Command:
+        """Go where the plan leads; an object that stays wedged comes free and tries beside that."""
+        self._track.append(here)
+        wedged = len(self._track) == _WEDGED_STEPS and self._motion(self._track[0], here) < _WEDGED
+        if wedged:
+            self._attempt += 1
+            self._track.clear()
+            return self._come_free(here)
+        if self._closing_in:
+            target = target._replace(position=target.position + np.append(self._aside(), 0.0))
+        return Command(target, "transit")
+
+    @staticmethod
+    def _motion(before: Pose, after: Pose) -> float:
+        """Metres; a turn counts where the object would hit something with an end of it."""
+        turned = angle_between(before.rotation, after.rotation)
+        return float(np.linalg.norm(after.position - before.position)) + _LEVER * turned
+
+    def _aside(self) -> np.ndarray:
+        """(2,) where to try, from where the plan leads, metres."""
+        ring = self._rule.search * (1 + self._attempt // len(_SEARCH))
+        return ring * _SEARCH[self._attempt % len(_SEARCH)]
 
     def _come_free(self, here: Pose) -> Command:
         self._unstick = raised(here, self._rule.unstick_lift)

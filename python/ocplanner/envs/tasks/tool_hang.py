@@ -37,7 +37,7 @@ TASK = Task(
             joint="tool_joint0",
             grasps=tuple(top_grasp(f"grip-{side}", (0.0, 0.0, 0.0), side * pi / 2) for side in (1, -1)),
             placing="trace",
-            tolerance=(0.005, 0.06),
+            tolerance=(0.004, 0.06),
         ),
     ),
     horizon=700,
