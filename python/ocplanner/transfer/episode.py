@@ -27,6 +27,7 @@ FAILURES = (
     "not released",
     "time-out",
 )
+_SWINGING, _RESTING = 60, 2e-5  # steps, m a step: an object that was let go of
 _NEAR, _NEAR_ROTATION = 0.02, 0.15  # m, rad: the open hand has come to a place that it passes
 
 
@@ -135,7 +136,6 @@ class _Program:
         self.objects = [spec for spec in env.task.objects if spec.name in planners]
         self.finished = False
         self.home = env.eef_pose()
-        self.attend(self.objects[0])
         joints = ArmJoints.of(env.robosuite_env.robots[0], env.model)
         self.reach = Reach(env.model, env.data, joints)
 
@@ -151,12 +151,11 @@ class _Program:
         self.follower: Follower | None = None
 
     def run(self) -> None:
-        for spec, following in zip(self.objects, [*self.objects[1:], None]):
-            if not self._place(spec, last=following is None):
+        for spec in self.objects:
+            self.attend(spec)
+            self._go(spec)
+            if not self._place(spec, last=spec is self.objects[-1]):
                 return
-            if following is not None:
-                self._go_round(spec)
-                self.attend(following)
 
     def _place(self, spec: ObjectSpec, *, last: bool) -> bool:
         """Bring the object in play to where the plans lead; True once the follower decides that it is there."""
@@ -211,6 +210,11 @@ class _Program:
     def _let_go(self, spec: ObjectSpec) -> None:
         self.phase = "release"
         open_fingers(self.body, self.env.robot, self.settings.grasp)
+        self._withdraw(spec)
+        if spec.placing == "trace":
+            self._wait_for_rest()
+
+    def _withdraw(self, spec: ObjectSpec) -> None:
         if spec.withdraw == "up":
             self._rise(self.settings.following.retreat)
             return
@@ -218,10 +222,17 @@ class _Program:
         palm = (start.rotation @ self.env.robot.rotation_grasp_site.T)[:, 2]
         self._bring_hand(start._replace(position=start.position - self.settings.following.retreat * palm))
 
-    def _go_round(self, spec: ObjectSpec) -> None:
-        """Pass the places that lie between an object that was let go of and the next one."""
-        self.phase = "return"
-        for place in spec.detour:
+    def _wait_for_rest(self) -> None:
+        """An object that was let go of where it hangs may slide and swing on for a while."""
+        for _ in range(_SWINGING):
+            before = self.body.read().object.position
+            if np.linalg.norm(self.body.wait(OPEN).object.position - before) < _RESTING:
+                return
+
+    def _go(self, spec: ObjectSpec) -> None:
+        """Pass the places on the way to an object."""
+        self.phase = "go"
+        for place in spec.way:
             self._bring_hand(Pose(np.array(place), self.home.rotation))
 
     def _bring_hand(self, hand: Pose) -> None:
@@ -262,7 +273,7 @@ class _Program:
         """The class of a failure; looks at contacts, which no decision does."""
         if self.finished:
             return "not aligned"
-        if self.phase == "return":
+        if self.phase == "go":
             return "time-out"
         if not self.held_once:
             return "missed grasp"

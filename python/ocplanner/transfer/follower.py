@@ -24,8 +24,8 @@ _SEARCH = np.array(
 )
 _UNSTICK_STEPS = 14
 _CLOSING_IN = 0.08  # m; a plan that leads no farther away is traced exactly
-_WEDGED, _WEDGED_STEPS = 0.006, 30  # m; an object that is traced and moves less in so many steps is wedged
-_SLOW = 1.5  # times the speed at rest
+_WEDGED, _WEDGED_STEPS = 0.005, 16  # m; an object that is traced and moves less in so many steps is wedged
+_SLOW = 1.0  # times the speed at rest
 _LEVER = 0.1  # m; a turn by a radian counts as that much motion where turning matters
 _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
@@ -139,7 +139,7 @@ class Follower:
 
     def _target(self, here: Pose, moved: float) -> Pose:
         """The pose of the plan to aim at; one that is traced exactly keeps it until the object is slow."""
-        if not self._closing_in or self._still >= self._rule.stuck_steps:
+        if not self._closing_in:
             self._aim = None
             return Pose(*self._controller.target(here))
         if self._aim is None or moved < _SLOW * self._rule.resting:

@@ -41,7 +41,7 @@ class Recorder:
         for step, phase in enumerate(trace.phases):
             if step in plans:
                 current = project(_CAMERA, plans[step], _SIDE, _SIDE)
-            planned.append(None if phase in ("grasp", "release", "recover", "return") else current)
+            planned.append(None if phase in ("grasp", "release", "recover", "go") else current)
         outcome = "success" if episode.success else episode.failure
         last = len(trace.phases) - 1
         captions = [

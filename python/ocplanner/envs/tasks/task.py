@@ -44,8 +44,8 @@ class ObjectSpec:
             if not given.
         lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
-        detour: (3,) world positions, metres, that the hand passes on its way to the next object, turned as it was when
-            the episode began.
+        way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
+            began: where the straight way would lead through something.
     """
 
     name: str
@@ -57,7 +57,7 @@ class ObjectSpec:
     tolerance: tuple[float, float] | None = None
     lean: float = 0.0
     withdraw: Literal["up", "back"] = "up"
-    detour: tuple[tuple[float, float, float], ...] = ()
+    way: tuple[tuple[float, float, float], ...] = ()
 
     def grasp(self, name: str) -> GraspFrame:
         """The grasp called ``name``.

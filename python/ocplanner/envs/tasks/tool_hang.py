@@ -9,8 +9,8 @@ from ocplanner.pose import Pose
 
 # The frame lies on its side, its y pointing down, and is held by the grip on its vertical bar.
 _GRIP = np.array([0.04375, 0.0, 0.0525])
-# The hand is to the left of the stand then, and the tool to the right: behind the stand and over it.
-_ROUND_THE_STAND = ((-0.17, 0.2, 1.07), (-0.2, -0.2, 1.07))
+# Both objects lie to the right of the stand, and the frame is inserted by a hand to its left.
+_LEFT_OF_THE_STAND, _OVER_THE_OBJECTS = (-0.17, 0.2, 1.07), (-0.2, -0.2, 1.07)
 
 
 def _grip(name: str, closing: float) -> GraspFrame:
@@ -30,14 +30,15 @@ TASK = Task(
             tolerance=(0.003, 0.05),
             lean=0.26,
             withdraw="back",
-            detour=_ROUND_THE_STAND,
+            way=(_OVER_THE_OBJECTS,),
         ),
         ObjectSpec(
             name="tool",
             joint="tool_joint0",
             grasps=tuple(top_grasp(f"grip-{side}", (0.0, 0.0, 0.0), side * pi / 2) for side in (1, -1)),
+            way=(_LEFT_OF_THE_STAND, _OVER_THE_OBJECTS),
             placing="trace",
-            tolerance=(0.004, 0.06),
+            tolerance=(0.003, 0.06),
         ),
     ),
     horizon=700,
