@@ -172,12 +172,13 @@ class Follower:
     def may_release(self, here: Pose, moved: float = 0.0) -> bool:
         """Whether the plans are fulfilled.
 
-        An object that is inserted, or led along the plan, has arrived. Any other has gone well below where they end,
-        which only one that hangs free there can; or it rests at that height and coming free and trying again has not
-        brought it lower. The blind modes do not press, so that for them resting there is enough.
+        An object that is led along the plan has arrived, one that is inserted has done so while it was let down. Any
+        other has gone well below where they end, which only one that hangs free there can; or it rests at that height
+        and coming free and trying again has not brought it lower. The blind modes do not press, so that for them
+        resting there is enough.
         """
         if self._placing != "drop" and self.settings.follow == "gated":
-            return self.has_arrived(here, moved)
+            return (self._placing == "trace" or self._is_let_down(here)) and self.has_arrived(here, moved)
         goal, rule = self.goal, self._rule
         if goal is None:
             return False
@@ -188,6 +189,11 @@ class Follower:
             return True
         patient = self.settings.follow != "gated" or self._attempt >= rule.attempts
         return bool(patient and away[2] < rule.release and moved < rule.resting)
+
+    def _is_let_down(self, here: Pose) -> bool:
+        """Whether the object has come down from where it was lined up, rather than rests on its way."""
+        lowering = self._lowering
+        return lowering is not None and bool(lowering.object.position[2] - here.position[2] > self._rule.lowering)
 
     def _turn(self, positions: np.ndarray, rotations: np.ndarray, now: Reading) -> np.ndarray:
         """The plan's rotations, all turned alike by the goal's symmetry: no jumps within a plan.
