@@ -27,7 +27,8 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
     """
     site = Pose(np.zeros(3), robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
-    candidates = [leaning(grasp.pose_object_eef, robot.lean, inward) @ site for grasp in spec.grasps]
+    lean = max(robot.lean, spec.lean)
+    candidates = [leaning(grasp.pose_object_eef, lean, inward) @ site for grasp in spec.grasps]
     candidates.sort(key=lambda grasp: angle_between((now.object @ grasp).rotation, now.eef.rotation))
     if reach is None or not robot.inward:
         return candidates[0]
