@@ -171,3 +171,13 @@ def test_a_task_for_two_arms_has_two_alike(shared_env):
     assert not env.in_contact("payload", arm=1)
     with pytest.raises(ShapeError, match=r"\(14,\), not \(7,\)"):
         env.step(np.zeros(7))
+
+
+def test_either_arm_is_placed(shared_env):
+    env = shared_env("Transport", "Panda")
+    env.reset(1)
+    first, second = (arm.eef_pose() for arm in env.arms)
+    goal = Pose(second.position + np.array([0.0, 0.0, 0.05]), second.rotation)
+    assert env.place_eef(goal, arm=1) < 1e-3
+    np.testing.assert_allclose(env.arms[1].eef_pose().position, goal.position, atol=1e-3)
+    np.testing.assert_array_equal(env.arms[0].eef_pose().position, first.position)

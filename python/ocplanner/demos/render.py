@@ -61,8 +61,13 @@ def render_dataset(
         raise InvalidValueError(f"workers and limit must be at least 1, not {workers} and {limit}")
     with Demonstrations(source) as demos:
         task = task_of_env(demos.env_name)
-        if len(demos.robots) != 1:
-            raise DatasetError(f"{demos.path}: recorded with {demos.robots or 'no robot'}; one arm can be rendered")
+        if not demos.robots or demos.robots != demos.robots[:1] * task.arms:
+            raise DatasetError(
+                f"{demos.path}: recorded with {demos.robots or 'no robot'}; {task.name} is rendered with "
+                f"{'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}"
+            )
+        if settings.silhouettes and task.arms > 1:
+            raise InvalidValueError(f"silhouettes are of one arm, and {task.name} has {task.arms}: leave them out")
         names = demos.names[:limit]
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[RENDER_ATTRIBUTE] = json.dumps(settings.record(), sort_keys=True)

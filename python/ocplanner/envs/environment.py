@@ -237,9 +237,15 @@ class ManipulationEnv:
         self._forward()
 
     def place_eef(
-        self, pose: Pose, opening: float | None = None, *, tolerance: float = 1e-3, restarts: int = _RESTARTS
+        self,
+        pose: Pose,
+        opening: float | None = None,
+        *,
+        arm: int = 0,
+        tolerance: float = 1e-3,
+        restarts: int = _RESTARTS,
     ) -> float:
-        """Put the arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
+        """Put an arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
 
         Starts from the present posture, so a trajectory placed step by step is followed without jumps, then from
         the home posture and from seeded variations of it.
@@ -247,18 +253,19 @@ class ManipulationEnv:
         Args:
             pose: of the site, world frame.
             opening: gap between the finger pads, metres; unchanged if not given.
+            arm: its number.
             tolerance: no further start is tried once the error is below this, metres.
             restarts: how many variations of the home posture to try.
 
         Returns:
             The remaining error in metres, a radian counted as 0.1 m.
         """
-        joints = self.arms[0].joints
+        joints = self.arms[arm].joints
         noise = np.random.default_rng(0).normal(0.0, 0.5, (restarts, len(joints.home)))
         starts = [self.data.qpos[joints.qpos].copy(), joints.home, *(joints.home + noise)]
         error = reach(self.model, self.data, joints, pose, starts, tolerance)
         if opening is not None:
-            self.arms[0].gripper.set_opening(opening)
+            self.arms[arm].gripper.set_opening(opening)
         self.data.qvel[joints.dofs] = 0.0
         self._forward()
         return error
