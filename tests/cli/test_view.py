@@ -24,7 +24,7 @@ def asked(monkeypatch):
         outcome = "success"
 
     def record(planner, robot, seed, *, follow, patches=None):
-        found.append((planner.path.name, robot, seed, follow))
+        found.append((planner.paths[0].name, robot, seed, follow))
         return Steps()
 
     monkeypatch.setattr(viewer, "record_playback", record)
@@ -73,7 +73,7 @@ def test_what_does_not_fit_is_an_error(asked, tmp_path):
     with pytest.raises(MismatchError, match="has episodes 10000 to 10099, not 5"):
         View(RESULT, seed=5).playback()
     with pytest.raises(MismatchError, match="is not the planner of"):
-        View(RESULT, planner=PLANNER.with_name("square_masked_h20_pose_1.safetensors")).playback()
+        View(RESULT, planner=(PLANNER.with_name("square_masked_h20_pose_1.safetensors"),)).playback()
     many = tmp_path / "matrix.json"
     many.write_text(json.dumps({"cells": [json.loads(RESULT.read_text())] * 2}))
     with pytest.raises(ResultFileError, match="holds 2 results"):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.planner.config import NetworkConfig, PlannerTraining
 from ocplanner.planner.frames import data_settings, future, load_frames, split
 from ocplanner.planner.train import train_planner
@@ -98,6 +98,13 @@ def test_settings_travel(rendered):
     with Demonstrations(rendered) as demos:
         settings = data_settings(demos, PlannerTraining())
     assert settings == ("Square", "SquareNut", "Panda", "fast", (255, 0, 255), ("IIWA",))
+
+
+def test_the_object_can_be_chosen(rendered):
+    with Demonstrations(rendered) as demos:
+        assert data_settings(demos, PlannerTraining(object="SquareNut")).object_name == "SquareNut"
+        with pytest.raises(UnknownNameError, match="SquareNut"):
+            data_settings(demos, PlannerTraining(object="tool"))
 
 
 def test_splits(rendered, tmp_path):

@@ -5,10 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocplanner.demos.expert import demonstrate
+from ocplanner.demos.recorded_task import segment_rule
+from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
 from ocplanner.pose import Pose
 from ocplanner.transfer.episode import FAILURES, run_episode
 from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.symmetry import angle_between
 from peg_plans import plan_to_peg
 
 
@@ -81,3 +85,49 @@ def test_a_plan_that_leads_nowhere_is_a_classified_failure(follow):
     assert episode.steps == 130
     assert episode.failure in FAILURES
     assert episode.failure == "stuck in transit"
+
+
+class Replay:
+    """Plans the motion of one object as a demonstration of the same seed had it."""
+
+    def __init__(self, env, name: str, poses: list[Pose]):
+        self.env, self.name, self.poses, self.place = env, name, poses, 0
+
+    def plan(self, images):
+        here = self.env.object_pose(self.name)
+        near = self.poses[self.place : self.place + 40]
+        off = [np.linalg.norm(p.position - here.position) + angle_between(p.rotation, here.rotation) for p in near]
+        self.place += int(np.argmin(off))
+        rows = np.minimum(self.place + 1 + np.arange(20), len(self.poses) - 1)
+        positions, rotations = (np.array([self.poses[row][part] for row in rows]) for part in (0, 1))
+        return SimpleNamespace(position=positions[None], rotation=rotations[None], probability=np.ones(1))
+
+
+def replays(env, seed: int) -> dict[str, Replay]:
+    """Of a demonstration of each object, from its grasp to its release."""
+    poses, gripper = {spec.name: [] for spec in env.task.objects}, []
+
+    def note(action):
+        gripper.append(action[-1])
+        for name, known in poses.items():
+            known.append(env.object_pose(name))
+
+    assert demonstrate(env, seed, note, noise=0.0)
+    found = {}
+    for name, known in poses.items():
+        arrays = [np.array([pose[part] for pose in known]) for part in (0, 1)]
+        segment = manipulation_segment(*arrays, np.array(gripper), segment_rule(env.task.env_name, name))
+        found[name] = Replay(env, name, known[segment.start : segment.stop])
+    return found
+
+
+def test_objects_are_placed_one_after_another():
+    with make_env("ToolHang", "Panda", cameras=()) as env:
+        planners = replays(env, 501)
+        episode = run_episode(env, planners, 501, observe=lambda env: {})
+        assert episode.success, (episode.failure, episode.failed_with)
+        assert list(dict.fromkeys(episode.trace.in_play)) == ["frame", "tool"]
+        planners = {"frame": Replay(env, "frame", planners["frame"].poses), "tool": Motionless(env)}
+        lone = run_episode(env, planners, 501, observe=lambda env: {})
+    assert not lone.success
+    assert lone.failed_with == "tool"

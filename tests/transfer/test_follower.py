@@ -13,6 +13,7 @@ from peg_plans import PEG, plan_to_peg
 
 START = np.array([-0.11, 0.15, 0.83])
 TOP, SLACK = 0.96, 0.007
+RAISED = np.array([0.0, 0.0, 0.1])
 
 
 class Floating:
@@ -177,3 +178,65 @@ def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned)
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
     assert phases[-1] == "release"
     assert (floating.read().eef.position[0] < floating.pose.position[0] - 0.05) == turned
+
+
+def test_an_object_that_is_inserted_is_released_where_it_rests():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 4, floating.read(), placing="insert", tolerance=(0.003, 0.05))
+    floor = 0.9  # where the plan ends, and nothing goes below
+
+    def plan(step, here):
+        positions, rotations = plan_to_peg(here, np.zeros(2), 0.0)
+        return np.maximum(positions, [-9, -9, floor]), rotations
+
+    def move(target):
+        Floating.move(floating, target)
+        floating.pose.position[2] = max(floating.pose.position[2], floor)
+
+    floating.move = move
+    assert run(follower, floating, plan)[-1] == "release"
+    assert floating.pose.position == pytest.approx([*PEG, floor], abs=0.004)
+
+
+def test_an_object_that_is_traced_passes_each_pose_of_the_plan():
+    """Down, and then aside, beneath an edge that the straight way would hit."""
+    floating = Floating()
+    follower = Follower(TransferSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    corner, end = START + RAISED, START + RAISED + np.array([0.05, 0.0, 0.0])
+    way = np.concatenate([np.linspace(START, corner, 20), np.linspace(corner, end, 15)])
+
+    def plan(_, here):
+        rows = np.argmin(np.linalg.norm(way - here.position, axis=1)) + 1 + np.arange(20)
+        return way[np.minimum(rows, len(way) - 1)], np.repeat(np.eye(3)[None], 20, axis=0)
+
+    path = []
+    phases = []
+    for step in range(300):
+        now = floating.read()
+        path.append(now.object.position)
+        if step % 4 == 0:
+            follower.receive(*plan(step, now.object), now)
+        command = follower.command(now)
+        phases.append(command.phase)
+        if command.phase == "release":
+            break
+        floating.move(command.target)
+    assert phases[-1] == "release"
+    assert np.linalg.norm(np.array(path) - corner, axis=1).min() < 0.008
+    assert floating.pose.position == pytest.approx(end, abs=0.006)
+
+
+def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
+    floating = Floating()
+    follower = Follower(TransferSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    floating.pose = Pose(START + RAISED, np.eye(3))
+    end = floating.pose.position - [0.0, 0.0, 0.04]
+    targets = []
+    for step in range(60):
+        now = floating.read()
+        if step % 4 == 0:
+            follower.receive(np.linspace(now.object.position, end, 20), np.repeat(np.eye(3)[None], 20, axis=0), now)
+        command = follower.command(now)
+        targets.append((command.phase, *command.target.position[:2]))
+    assert "unstick" in [phase for phase, *_ in targets]
+    assert {round(x - START[0], 4) for phase, x, _ in targets if phase == "transit"} == {0.0, 0.0035, -0.0035}

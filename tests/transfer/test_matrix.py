@@ -30,11 +30,11 @@ def planners(tmp_path):
 
 
 def test_of_a_folder_the_planners_of_one_seed_are_taken(planners):
-    assert [planner.path.name for planner in find_planners([planners])] == [
+    assert [planner.paths[0].name for planner in find_planners([planners])] == [
         "lift_0.safetensors",
         "square_0.safetensors",
     ]
-    assert [planner.path.name for planner in find_planners([planners], seed=1)] == ["square_1.safetensors"]
+    assert [planner.paths[0].name for planner in find_planners([planners], seed=1)] == ["square_1.safetensors"]
     assert len(find_planners([planners / "square_1.safetensors", planners / "lift_0.safetensors"])) == 2
 
 

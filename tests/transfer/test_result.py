@@ -45,6 +45,15 @@ def test_file_holds_what_the_design_asks_for(tmp_path):
     assert read_results(path)[0].setting == "gated, masked, stock visuals, pose noise 5 mm 2°"
 
 
+def test_the_object_that_failed_is_named_where_there_are_several(tmp_path):
+    runs = (Run(10000, False, 700, "slip", None, "tool"), Run(10001, True, 500, None, "follower"))
+    path = replace(result(), runs=runs).save(tmp_path / "x.json")
+    first, second = json.loads(path.read_text())["runs"]
+    assert first["failed_with"] == "tool"
+    assert "failed_with" not in second
+    assert TransferResult.load(path).runs == runs
+
+
 def test_a_file_is_read_as_it_was_written(tmp_path):
     assert TransferResult.load(result().save(tmp_path / "x.json")) == result()
 

@@ -76,7 +76,7 @@ class Demo:
         result = self.out / f"{self.robot.lower()}.json"
         videos = min(3, self.episodes)
         Transfer(
-            planner=planner,
+            planner=(planner,),
             robot=self.robot,
             episodes=self.episodes,
             workers=self.workers,

@@ -28,6 +28,8 @@ class TrainPlanner:
     """What the images show; must be how the data set was rendered."""
     cameras: tuple[str, ...] = ("agentview",)
     """Cameras that the planner reads."""
+    object: str | None = None
+    """The object to plan for, of a task with several: train one planner for each. Default: the task's first."""
     seed: int = 0
     """Decides initial weights, batches and augmentation."""
     modes: int | None = None
@@ -75,6 +77,7 @@ class TrainPlanner:
             base,
             observe=self.observe,
             cameras=self.cameras,
+            object=self.object,
             seed=self.seed,
             network=network,
             loss=replace(base.loss, **{name: value for name, value in weights.items() if value is not None}),

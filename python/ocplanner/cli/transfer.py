@@ -30,8 +30,8 @@ class Transfer:
     Stop it whenever you like: the same command goes on where it was.
     """
 
-    planner: Path | None = None
-    """Planner file (.safetensors)."""
+    planner: tuple[Path, ...] = ()
+    """Planner file (.safetensors); for a task with several objects one for each of them."""
     robot: str | None = None
     """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7. Default: Sawyer."""
     task: str | None = None
@@ -39,7 +39,7 @@ class Transfer:
     matrix: bool = False
     """Try every planner of --planners on every robot of --robots."""
     planners: tuple[Path, ...] = ()
-    """With --matrix: planner files, one a task, or folders. Default: results/planners."""
+    """With --matrix: planner files, one a task or an object of it, or folders. Default: results/planners."""
     planner_seed: int = 0
     """With --matrix: of the planners in a folder take those of this training seed."""
     robots: tuple[str, ...] = ()
@@ -90,15 +90,15 @@ class Transfer:
             self._run_one()
 
     def _run_one(self) -> None:
-        from ocplanner.planner.planner import Planner
         from ocplanner.transfer.loop import describe, run_transfer, seeds_of
         from ocplanner.transfer.scenario import make_scenario
+        from ocplanner.transfer.task_planners import TaskPlanners
 
         self._refuse(planners=self.planners, robots=self.robots, planner_seed=self.planner_seed)
         robot = robot_spec(self.robot or _ROBOT).name
-        if self.planner is None:
+        if not self.planner:
             raise InvalidValueError("no planner is given; name its file with --planner, or add --matrix")
-        planner = Planner.load(self.planner)
+        planner = TaskPlanners.of(self.planner)
         scenario = make_scenario(planner, robot, task=self.task, **self._conditions())
         out = self.out or Path("results/transfer") / describe(scenario, planner).file_name
         console = Console()
@@ -197,7 +197,9 @@ def _episode_bar(console: Console) -> Iterator[Callable[[str, int], Callable[[An
                 successes += run.success
                 progress.update(bar, advance=1, description=f"{name}: {successes} succeeded")
                 if not console.is_terminal:
-                    console.print(f"seed {run.seed}: {'success' if run.success else run.failure} ({run.steps} steps)")
+                    ended = "success" if run.success else run.failure
+                    where = "" if run.failed_with is None else f" with the {run.failed_with}"
+                    console.print(f"seed {run.seed}: {ended}{where} ({run.steps} steps)")
 
             return count
 

@@ -4,6 +4,7 @@ import contextlib
 import sys
 import threading
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -25,8 +26,8 @@ class View:
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="PLANNER-or-RESULT")]
     """Planner file (.safetensors) or the run folder that it is in, or result file of `ocplanner transfer` (.json)."""
-    planner: Path | None = None
-    """The planner file of a result. Default: the one that the result's command names, from here."""
+    planner: tuple[Path, ...] = ()
+    """The planner file of a result, or those of all its task's objects. Default: what the result's command names."""
     seed: int | None = None
     """Seed of the episode. Default: 10000, or a result's first failure, if any, else its first episode."""
     robot: str = "Sawyer"
@@ -58,30 +59,31 @@ class View:
             MismatchError: it is of another planner, or of no episode with this seed.
             PlannerFileError: the planner cannot be read.
         """
-        from ocplanner.planner.planner import Planner
         from ocplanner.report.viewer import record_playback
+        from ocplanner.transfer.task_planners import TaskPlanners
 
         if self.source.suffix != ".json":
             seed = 10000 if self.seed is None else self.seed
             file = self.source / "planner.safetensors" if self.source.is_dir() else self.source
-            return record_playback(Planner.load(file), self.robot, seed, follow=self.follow)
+            return record_playback(TaskPlanners.of((file, *self.planner)), self.robot, seed, follow=self.follow)
         return self._again()
 
     def _again(self) -> "Playback":
-        from ocplanner.planner.planner import Planner
         from ocplanner.report.results import read_results
         from ocplanner.report.viewer import record_playback
+        from ocplanner.transfer.task_planners import TaskPlanners
 
         record, *others = read_results(self.source)
         if others:
             raise ResultFileError(f"{self.source} holds {1 + len(others)} results; give a file with one")
         words = record.command.split()
-        named = words[words.index("--planner") + 1] if "--planner" in words[:-1] else None
-        if self.planner is None and named is None:
+        after = words[words.index("--planner") + 1 :] if "--planner" in words else []
+        named = list(takewhile(lambda word: not word.startswith("--"), after))
+        if not self.planner and not named:
             raise ResultFileError(f"{self.source} does not say which planner it is of; name it with --planner")
-        planner = Planner.load(self.planner or str(named))
+        planner = TaskPlanners.of(self.planner or named)
         if planner.sha256 != record.planner_sha256:
-            raise MismatchError(f"{planner.path} is not the planner of {self.source}; name that one with --planner")
+            raise MismatchError(f"{planner} is not the planner of {self.source}; name that one with --planner")
         seeds = [run.seed for run in record.runs]
         if self.seed is not None and self.seed not in seeds:
             raise MismatchError(f"{self.source} has episodes {seeds[0]} to {seeds[-1]}, not {self.seed}")

@@ -247,10 +247,9 @@ class Carrier:
             pass
 
     def _spec(self, grasps: tuple[str, ...]) -> ObjectSpec:
-        """The object with some of its grasps only."""
-        if not grasps:
-            return self._object
-        return replace(self._object, grasps=tuple(self._object.grasp(name) for name in grasps))
+        """The object as this hand takes it: upright, and with some of its grasps only if they are named."""
+        upright = replace(self._object, lean=0.0)
+        return replace(upright, grasps=tuple(map(self._object.grasp, grasps))) if grasps else upright
 
     def _move(self, target: Pose) -> Reading:
         now = self._body.move_object(target)

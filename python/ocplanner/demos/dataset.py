@@ -8,7 +8,8 @@ from typing import Any, Self, overload
 
 from ocplanner.demos.demonstration import Demonstration, Recording
 from ocplanner.demos.hdf5 import HDF5File
-from ocplanner.demos.layouts import TASK_OBJECTS, Order
+from ocplanner.demos.layouts import Order
+from ocplanner.demos.recorded_task import recorded_task
 
 RENDER_ATTRIBUTE = "ocplanner_render"
 LABEL_ATTRIBUTE = "ocplanner_label"
@@ -113,8 +114,8 @@ class Demonstrations(Sequence[Demonstration]):
     @property
     def task_name(self) -> str:
         """The task's short name (``Square``), or the environment's where ocplanner has no other."""
-        task = TASK_OBJECTS.get(self.env_name)
-        return self.env_name if task is None else task.task
+        task = recorded_task(self.env_name)
+        return self.env_name if task is None else task.name
 
     @property
     def robots(self) -> tuple[str, ...]:

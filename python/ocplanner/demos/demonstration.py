@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 
 from ocplanner.demos.hdf5 import HDF5File
-from ocplanner.demos.layouts import TASK_OBJECTS, Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.demos.recorded_task import carriers, recorded_task
 from ocplanner.errors import DatasetError, ObjectLayoutError
 
 
@@ -144,6 +145,10 @@ class Demonstration:
         """(T, 3) end-effector (site) positions of a robot, world, metres."""
         return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
 
+    def carrier_actions(self, object_name: str) -> np.ndarray:
+        """:meth:`gripper_actions` of the arms that carry an object."""
+        return self.gripper_actions(carriers(self._recording.env_name, object_name))
+
     def gripper_actions(self, arms: Sequence[int] = (0,)) -> np.ndarray:
         """(T,) what grippers are told together: above 0 if any of them closes, below 0 if all open.
 
@@ -217,7 +222,7 @@ class Demonstration:
     @property
     def object_names(self) -> tuple[str, ...]:
         """The objects whose poses the task records; empty for a task that ocplanner does not know."""
-        task = TASK_OBJECTS.get(self._recording.env_name)
+        task = recorded_task(self._recording.env_name)
         return () if task is None else task.objects
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -1,11 +1,13 @@
 """The pictures of one demonstration, drawn from its states."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.recorded_task import segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.demos.silhouettes import SilhouetteArm
 from ocplanner.envs import make_env
@@ -14,7 +16,6 @@ from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import MASK_RGB, visual_preset
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError, UnknownNameError
-from ocplanner.pose import Pose
 from ocplanner.versions import installed
 
 FRAMES = ("all", "manipulation")
@@ -32,7 +33,7 @@ class RenderSettings:
         visual: visual preset.
         silhouettes: arms whose masks are added; with ``"masked"`` only.
         silhouette_stride: the silhouettes of every so many-th frame are drawn, the others stay empty.
-        frames: ``"all"``, or ``"manipulation"``: frames outside the manipulation segment stay zero.
+        frames: ``"all"``, or ``"manipulation"``: frames in which none of the task's objects is manipulated stay zero.
 
     Raises:
         InvalidValueError: a number is out of range, or silhouettes are asked for without masks.
@@ -102,16 +103,19 @@ class FrameRenderer:
             DatasetError: the states do not belong to this task and arm.
         """
         settings, states = self._settings, demo.states
-        poses = demo.object_poses(self._task.object().name)
-        kept = self._segment(demo, poses)
-        rows = range(kept.start, kept.stop) if settings.frames == "manipulation" else range(demo.length)
+        positions = {spec.name: demo.object_poses(spec.name)[0] for spec in self._task.objects}
+        segments = self._segments(demo)
+        kept = [row for segment in segments for row in range(segment.start, segment.stop)]
+        rows = sorted(set(kept)) if settings.frames == "manipulation" else range(demo.length)
+        stride = settings.silhouette_stride
+        outlined = {row for segment in segments for row in range(segment.start, segment.stop, stride)}
         arrays = self._allocate(demo.length)
         for arm in self._arms:
             arm.start()
         for row in rows:
-            self._set_state(demo, row, states[row], poses[0][row])
+            self._set_state(demo, row, states[row], {name: places[row] for name, places in positions.items()})
             self._draw(arrays, row)
-            if kept.start <= row < kept.stop and (row - kept.start) % settings.silhouette_stride == 0:
+            if row in outlined:
                 self._draw_silhouettes(arrays, row)
         return arrays
 
@@ -121,10 +125,15 @@ class FrameRenderer:
         for arm in self._arms:
             arm.close()
 
-    def _segment(self, demo: Demonstration, poses: tuple[np.ndarray, np.ndarray]) -> Segment:
+    def _segments(self, demo: Demonstration) -> list[Segment]:
+        """Where each of the task's objects is manipulated."""
         if self._settings.frames == "all" and not self._arms:
-            return Segment(0, 0, 0, 0)
-        return manipulation_segment(*poses, demo.actions[:, -1])
+            return []
+        segments = []
+        for spec in self._task.objects:
+            rule = segment_rule(self._task.env_name, spec.name)
+            segments.append(manipulation_segment(*demo.object_poses(spec.name), demo.gripper_actions(spec.arms), rule))
+        return segments
 
     def _allocate(self, length: int) -> dict[str, np.ndarray]:
         settings, arrays = self._settings, {}
@@ -138,17 +147,18 @@ class FrameRenderer:
                 arrays[f"obs/{camera}_silhouettes"] = np.zeros((length, len(self._arms), *shape[1:]), bool)
         return arrays
 
-    def _set_state(self, demo: Demonstration, row: int, state: np.ndarray, recorded: np.ndarray) -> None:
+    def _set_state(self, demo: Demonstration, row: int, state: np.ndarray, recorded: Mapping[str, np.ndarray]) -> None:
         try:
             self._env.set_state(state)
         except ShapeError as error:
             raise DatasetError(f"{demo!r}: states do not fit: {error}") from error
-        off = float(np.abs(self._env.object_pose().position - recorded).max())
-        if off > _POSE_TOLERANCE_M:
-            raise DatasetError(
-                f"{demo!r}: the state of step {row} puts the object {1e3 * off:.1f} mm from its recorded pose; "
-                "the states were recorded with another model: record the demonstration again"
-            )
+        for name, position in recorded.items():
+            off = float(np.abs(self._env.object_pose(name).position - position).max())
+            if off > _POSE_TOLERANCE_M:
+                raise DatasetError(
+                    f"{demo!r}: the state of step {row} puts the object {1e3 * off:.1f} mm from its recorded pose; "
+                    "the states were recorded with another model: record the demonstration again"
+                )
 
     def _draw(self, arrays: dict[str, np.ndarray], row: int) -> None:
         size = self._settings.size
@@ -163,8 +173,8 @@ class FrameRenderer:
             arrays[f"obs/{camera}_image"][row] = np.where(mask[..., None], np.array(MASK_RGB, np.uint8), empty)
 
     def _draw_silhouettes(self, arrays: dict[str, np.ndarray], row: int) -> None:
-        pose_object: Pose = self._env.object_pose()
+        poses = {spec.name: self._env.object_pose(spec.name) for spec in self._task.objects}
         pose_eef, opening = self._env.eef_pose(), self._env.gripper_opening
         for number, arm in enumerate(self._arms):
-            for camera, mask in arm.masks(pose_object, pose_eef, opening).items():
+            for camera, mask in arm.masks(poses, pose_eef, opening).items():
                 arrays[f"obs/{camera}_silhouettes"][row, number] = mask

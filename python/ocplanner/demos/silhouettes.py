@@ -1,5 +1,7 @@
 """What another arm would cover with its end effector where the recorded arm's is."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ocplanner.envs import make_env
@@ -42,16 +44,17 @@ class SilhouetteArm:
         self._env.reset(0)
         self._turns = list(self._both_turns)
 
-    def masks(self, pose_object: Pose, pose_eef: Pose, opening: float) -> dict[str, np.ndarray]:
+    def masks(self, poses_objects: Mapping[str, Pose], pose_eef: Pose, opening: float) -> dict[str, np.ndarray]:
         """Masks (h, w) bool by camera; nothing where the arm cannot reach.
 
         Args:
-            pose_object: the object's pose, world frame.
+            poses_objects: poses of the task's objects by name, world frame.
             pose_eef: the recorded arm's end-effector site, world frame.
             opening: the recorded gap between the finger pads, metres.
         """
         env = self._env
-        env.place_object(pose_object)
+        for name, pose in poses_objects.items():
+            env.place_object(pose, name)
         for turn in list(self._turns):
             target = Pose(pose_eef.position, pose_eef.rotation @ turn)
             if env.place_eef(target, opening, tolerance=REACHED_M, restarts=0) < REACHED_M:

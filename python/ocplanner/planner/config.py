@@ -160,6 +160,8 @@ class PlannerTraining:
     preset: Preset = "cpu"
     observe: Observe = "masked"
     cameras: tuple[str, ...] = ("agentview",)
+    object: str | None = None
+    """The object whose motion is planned; the task's first if not given."""
     seed: int = 0
     network: NetworkConfig = field(default_factory=NetworkConfig)
     loss: LossConfig = field(default_factory=LossConfig)

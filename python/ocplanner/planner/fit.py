@@ -3,7 +3,7 @@
 from typing import Any
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.layouts import TASK_OBJECTS
+from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.planner.planner import Planner
 
@@ -16,8 +16,8 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
         MismatchError: the planner was made for something else.
     """
     config, render = planner.config, demos.render_settings or {}
-    task = TASK_OBJECTS.get(demos.env_name)
-    if task is None or task.task != config["task"] or config["object"] not in task.objects:
+    task = recorded_task(demos.env_name)
+    if task is None or task.name != config["task"] or config["object"] not in task.objects:
         raise MismatchError(
             f"{planner.path} plans for {config['object']} of {config['task']}, but {demos.path} shows "
             f"{demos.env_name}; use a planner of that task"

@@ -10,8 +10,10 @@ import numpy as np
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
+from ocplanner.demos.recorded_task import recorded_task, segment_rule
 from ocplanner.demos.segments import manipulation_segment
-from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.envs.tasks import tasks
+from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.planner.config import PlannerTraining
 
 VALID_SHARE = 0.1
@@ -138,12 +140,17 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     Raises:
         DatasetError: its task is unknown, it has no images, or lacks a camera that the configuration names.
         MismatchError: it was rendered in another observe mode or size.
+        UnknownNameError: the task has no object of the configuration's name.
     """
     render: dict[str, Any] = demos.render_settings or {}
     observe = config.observe
     remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"
-    if demos.env_name not in TASK_OBJECTS:
-        raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {', '.join(sorted(TASK_OBJECTS))}")
+    task = recorded_task(demos.env_name)
+    if task is None:
+        known = ", ".join(sorted({*TASK_OBJECTS, *(task.env_name for task in tasks().values())}))
+        raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {known}")
+    if config.object is not None and config.object not in task.objects:
+        raise UnknownNameError(f"object of {task.name}", config.object, task.objects)
     if not demos.cameras:
         raise DatasetError(f"{demos.path}: no images in it; add them with {remedy}")
     missing = [camera for camera in config.cameras if camera not in demos.cameras]
@@ -166,11 +173,10 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         )
     if observe == "masked" and not render.get("mask_rgb"):
         raise DatasetError(f"{demos.path}: the data set does not say its mask colour; render again with {remedy}")
-    task = TASK_OBJECTS[demos.env_name]
     colour = render.get("mask_rgb")
     return DataSettings(
-        task=task.task,
-        object_name=task.objects[0],
+        task=task.name,
+        object_name=config.object or task.objects[0],
         source_robot="+".join(demos.robots),
         visual=render.get("visual"),
         mask_rgb=None if colour is None or observe != "masked" else (int(colour[0]), int(colour[1]), int(colour[2])),
@@ -228,11 +234,12 @@ def load_frames(
     Raises:
         DatasetError: an array is missing, frames were not rendered, or no frame is kept.
     """
+    rule = segment_rule(demos.env_name, object_name)
     kept = []
     for name in names:
         positions, rotations = demos[name].object_poses(object_name)
         try:
-            segment = manipulation_segment(positions, rotations, demos[name].actions[:, -1])
+            segment = manipulation_segment(positions, rotations, demos[name].carrier_actions(object_name), rule)
         except DatasetError as error:
             say(f"{name} is left out: {error}")
             continue

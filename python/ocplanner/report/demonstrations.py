@@ -81,6 +81,7 @@ def observations_figure(
 
 def _kept_path(demos: Demonstrations, name: str) -> np.ndarray:
     demo = demos[name]
-    positions, rotations = demo.object_poses(demo.object_names[0])
-    segment = manipulation_segment(positions, rotations, demo.actions[:, -1])
+    main = demo.object_names[0]
+    positions, rotations = demo.object_poses(main)
+    segment = manipulation_segment(positions, rotations, demo.carrier_actions(main))
     return positions[segment.start : segment.stop]

@@ -159,7 +159,7 @@ def _parts(config: Mapping[str, Any], demos: Demonstrations, most: int) -> list[
     for name in [*names.valid, *names.train]:
         positions, rotations = demos[name].object_poses(config["object"])
         with contextlib.suppress(DatasetError):
-            segment = manipulation_segment(positions, rotations, demos[name].actions[:, -1])
+            segment = manipulation_segment(positions, rotations, demos[name].carrier_actions(config["object"]))
             parts.append(_Part(name, segment, positions, rotations))
         if len(parts) == most:
             break

@@ -49,7 +49,7 @@ def segment_figure(demos: Demonstrations, names: Sequence[str], object_name: str
 
 def _panel(axes: Axes, demo: Demonstration, object_name: str) -> None:
     positions, rotations = demo.object_poses(object_name)
-    gripper = demo.actions[:, -1]
+    gripper = demo.carrier_actions(object_name)
     segment = manipulation_segment(positions, rotations, gripper)
     steps = np.arange(len(positions))
     axes.axvspan(segment.start, segment.stop - 1, color=_KEPT, alpha=0.18, linewidth=0, label="kept")

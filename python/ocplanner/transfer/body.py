@@ -1,12 +1,15 @@
 """What a program for an arm may sense and do: nothing privileged."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from ocplanner import _core
 from ocplanner.pose import Pose
+
+if TYPE_CHECKING:
+    from ocplanner.envs.environment import ManipulationEnv
 
 OPEN, STAY, CLOSE = -1.0, 0.0, 1.0
 
@@ -21,6 +24,40 @@ class Arm(Protocol):
     def base_rotation(self) -> np.ndarray: ...  # noqa: D102
     @property
     def gripper_opening(self) -> float: ...  # noqa: D102
+
+
+class InPlay:
+    """An environment's arm of which one object is sensed.
+
+    Args:
+        env: the arm before its task.
+        name: the object.
+    """
+
+    def __init__(self, env: "ManipulationEnv", name: str) -> None:
+        self._env, self._name = env, name
+
+    def step(self, action: np.ndarray) -> None:
+        """One control step."""
+        self._env.step(action)
+
+    def object_pose(self) -> Pose:
+        """Of the object in play."""
+        return self._env.object_pose(self._name)
+
+    def eef_pose(self) -> Pose:
+        """The environment's."""
+        return self._env.eef_pose()
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        """The environment's."""
+        return self._env.base_rotation
+
+    @property
+    def gripper_opening(self) -> float:
+        """The environment's."""
+        return self._env.gripper_opening
 
 
 class Foresight(Protocol):
@@ -57,7 +94,7 @@ class Body:
     """An arm with a step budget.
 
     Args:
-        arm: the environment.
+        arm: the environment; another one may take its place between steps, when another object is in play.
         law: how a pose difference becomes an action.
         horizon: steps until :class:`HorizonReached`.
         on_step: called after every step with the reading.
@@ -72,7 +109,7 @@ class Body:
         on_step: Callable[[Reading], None] | None = None,
         holding: float = CLOSE,
     ) -> None:
-        self._arm = arm
+        self.arm = arm
         self.law = law
         self.horizon = horizon
         self.steps = 0
@@ -81,7 +118,7 @@ class Body:
 
     def read(self) -> Reading:
         """Sense."""
-        return Reading(self._arm.object_pose(), self._arm.eef_pose(), self._arm.gripper_opening)
+        return Reading(self.arm.object_pose(), self.arm.eef_pose(), self.arm.gripper_opening)
 
     def act(self, delta: np.ndarray, grip: float) -> Reading:
         """One control step: a normalised end-effector delta (6,) and the gripper's command.
@@ -91,7 +128,7 @@ class Body:
         """
         if self.steps >= self.horizon:
             raise HorizonReached
-        self._arm.step(np.append(delta, grip))
+        self.arm.step(np.append(delta, grip))
         self.steps += 1
         reading = self.read()
         if self._on_step is not None:
@@ -105,10 +142,10 @@ class Body:
     def move_object(self, target: Pose) -> Reading:
         """One control step of the held object toward a pose."""
         now = self.read()
-        delta = _core.delta_pose_action(now.object, target, now.eef, self._arm.base_rotation, self.law)
+        delta = _core.delta_pose_action(now.object, target, now.eef, self.arm.base_rotation, self.law)
         return self.act(delta, self.holding)
 
     def move_hand(self, target: Pose, grip: float) -> Reading:
         """One control step of the hand toward a pose."""
         now = self.read()
-        return self.act(_core.delta_pose_action(now.eef, target, now.eef, self._arm.base_rotation, self.law), grip)
+        return self.act(_core.delta_pose_action(now.eef, target, now.eef, self.arm.base_rotation, self.law), grip)

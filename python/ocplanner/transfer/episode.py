@@ -1,7 +1,7 @@
 """One zero-shot episode: grasp, follow the plan, let go."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,7 +11,8 @@ from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.kinematics import ArmJoints, Reach
 from ocplanner.envs.tasks import ObjectSpec
-from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading
+from ocplanner.pose import Pose
+from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, InPlay, Reading
 from ocplanner.transfer.follower import Follower
 from ocplanner.transfer.grasp import is_held, open_fingers, opening_before, take_hold, toward
 from ocplanner.transfer.settings import TransferSettings
@@ -26,6 +27,8 @@ FAILURES = (
     "not released",
     "time-out",
 )
+_SWINGING, _RESTING = 60, 2e-5  # steps, m a step: an object that was let go of
+_NEAR, _NEAR_ROTATION = 0.02, 0.15  # m, rad: the open hand has come to a place that it passes
 
 
 class Plans(Protocol):
@@ -42,6 +45,7 @@ class Trace:
     readings: list[Reading] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
     plans: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    in_play: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,7 @@ class Episode:
         failure: one of :data:`FAILURES`, or None.
         released_by: ``"follower"``, or None if it never let go (nor kept the object where that is the end).
         trace: the steps.
+        failed_with: the object in play when a task with several objects failed, or None.
     """
 
     seed: int
@@ -64,28 +69,29 @@ class Episode:
     failure: str | None
     released_by: str | None
     trace: Trace
+    failed_with: str | None = None
 
 
 def run_episode(
     env: ManipulationEnv,
-    planner: Plans,
+    planner: Plans | Mapping[str, Plans],
     seed: int,
     settings: TransferSettings | None = None,
     *,
     observe: Callable[[ManipulationEnv], dict[str, np.ndarray]] = ManipulationEnv.observe,
-    sense: Callable[[ManipulationEnv], Arm] | None = None,
+    sense: Callable[[Arm], Arm] | None = None,
     on_step: Callable[[], None] | None = None,
 ) -> Episode:
     """Run one episode.
 
     Args:
         env: the arm before its task, observing as the planner was trained to.
-        planner: anything with ``plan(images)``.
+        planner: anything with ``plan(images)``, for the task's first object; or one for each by the object's name.
         seed: of the reset.
         settings: the follower's numbers.
         observe: takes the planner's pictures of the environment, (h, w, 3) uint8 by camera.
-        sense: what the arm's program senses and acts through, made after the reset; without it poses are exact. The
-            verdict does not depend on it.
+        sense: what the arm's program senses and acts through, made after the reset and anew for each object in play;
+            without it poses are exact. The verdict does not depend on it.
         on_step: called after every control step (recording frames).
     """
     settings = settings or TransferSettings()
@@ -94,6 +100,7 @@ def run_episode(
     def note(reading: Reading) -> None:
         trace.readings.append(reading)
         trace.phases.append(program.phase)
+        trace.in_play.append(program.spec.name)
         if on_step is not None:
             on_step()
 
@@ -101,64 +108,93 @@ def run_episode(
     law = _core.DeltaPoseLaw(
         gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
     )
-    body = Body(env if sense is None else sense(env), law, env.horizon, note, env.robot.holding)
-    program = _Program(env, planner, body, settings, trace, observe)
+    objects = planner if isinstance(planner, Mapping) else {env.task.object().name: planner}
+    body = Body(env, law, env.horizon, note, env.robot.holding)
+    program = _Program(env, objects, body, settings, trace, observe, sense)
     with contextlib.suppress(HorizonReached):
         program.run()
     success = program.finished and env.success()
     failure = None if success else program.why(env)
-    return Episode(seed, success, body.steps, failure, "follower" if program.finished else None, trace)
+    released_by = "follower" if program.finished else None
+    failed_with = program.spec.name if failure is not None and len(env.task.objects) > 1 else None
+    return Episode(seed, success, body.steps, failure, released_by, trace, failed_with)
 
 
 class _Program:
     def __init__(
         self,
         env: ManipulationEnv,
-        planner: Plans,
+        planners: Mapping[str, Plans],
         body: Body,
         settings: TransferSettings,
         trace: Trace,
         observe: Callable[[ManipulationEnv], dict[str, np.ndarray]],
+        sense: Callable[[Arm], Arm] | None,
     ) -> None:
-        self.env, self.planner, self.body = env, planner, body
-        self.settings, self.trace, self.observe = settings, trace, observe
-        self.phase = "grasp"
+        self.env, self.planners, self.body = env, planners, body
+        self.settings, self.trace, self.observe, self.sense = settings, trace, observe, sense
+        self.objects = [spec for spec in env.task.objects if spec.name in planners]
         self.finished = False
+        self.home = env.eef_pose()
+        joints = ArmJoints.of(env.robosuite_env.robots[0], env.model)
+        self.reach = Reach(env.model, env.data, joints)
+
+    def attend(self, spec: ObjectSpec) -> None:
+        """Put an object in play: from here on it is the one that is sensed, planned for and moved."""
+        self.spec = spec
+        arm = InPlay(self.env, spec.name)
+        self.body.arm = arm if self.sense is None else self.sense(arm)
+        self.phase = "grasp"
         self.held_once = False
         self.lost = False
         self.grip: Reading | None = None
         self.follower: Follower | None = None
-        joints = ArmJoints.of(env.robosuite_env.robots[0], env.model)
-        self.reach = Reach(env.model, env.data, joints)
 
     def run(self) -> None:
-        spec = self.env.task.object()
+        for spec in self.objects:
+            self.attend(spec)
+            self._go(spec)
+            if not self._place(spec, last=spec is self.objects[-1]):
+                return
+
+    def _place(self, spec: ObjectSpec, *, last: bool) -> bool:
+        """Bring the object in play to where the plans lead; True once the follower decides that it is there."""
         for _ in range(self.settings.grasp.tries):
             self.phase, self.lost = "grasp", False
             grip_point = take_hold(self.body, spec, self.env.robot, self.settings.grasp, self.reach)
             if grip_point is not None:
                 self.held_once = True
                 if self._follow(grip_point, spec):
+                    self.finished = last
                     if spec.let_go:
-                        self._let_go()
-                    else:
-                        self.finished = True
-                    return
+                        self._let_go(spec)
+                    return True
                 self.lost = True
             if spec.let_go and self._fell_into_place():
-                self._let_go()
-                return
+                self.finished = last
+                self._let_go(spec)
+                return True
             self._back_off()
+        return False
 
     def _follow(self, grip_point: np.ndarray, spec: ObjectSpec) -> bool:
         """True once the follower decides that the plans are fulfilled, False if the object was lost."""
         now = self.grip = self.body.read()
-        self.follower = follower = Follower(self.settings, spec.yaw_fold, now, self.reach, let_go=spec.let_go)
+        self.follower = follower = Follower(
+            self.settings,
+            spec.yaw_fold,
+            now,
+            self.reach,
+            let_go=spec.let_go,
+            placing=spec.placing,
+            tolerance=spec.tolerance,
+        )
+        planner = self.planners[spec.name]
         step = 0
         while True:
             if step % self.settings.following.replan_steps == 0:
                 images = self.observe(self.env)
-                plan = self.planner.plan({camera: image[None] for camera, image in images.items()})
+                plan = planner.plan({camera: image[None] for camera, image in images.items()})
                 rotations = None if plan.rotation is None else plan.rotation[0]
                 follower.receive(plan.position[0], rotations, now)
                 self.trace.plans.append((self.body.steps, plan.position[0]))
@@ -171,11 +207,47 @@ class _Program:
             if not is_held(now, grip_point, self.settings.grasp):
                 return False
 
-    def _let_go(self) -> None:
-        self.finished = True
+    def _let_go(self, spec: ObjectSpec) -> None:
         self.phase = "release"
         open_fingers(self.body, self.env.robot, self.settings.grasp)
-        self._rise(self.settings.following.retreat)
+        self._withdraw(spec)
+        if spec.placing == "trace":
+            self._wait_for_rest()
+
+    def _withdraw(self, spec: ObjectSpec) -> None:
+        if spec.withdraw == "up":
+            self._rise(self.settings.following.retreat)
+            return
+        start = self.body.read().eef
+        palm = (start.rotation @ self.env.robot.rotation_grasp_site.T)[:, 2]
+        self._bring_hand(start._replace(position=start.position - self.settings.following.retreat * palm))
+
+    def _wait_for_rest(self) -> None:
+        """An object that was let go of where it hangs may slide and swing on for a while."""
+        for _ in range(_SWINGING):
+            before = self.body.read().object.position
+            if np.linalg.norm(self.body.wait(OPEN).object.position - before) < _RESTING:
+                return
+
+    def _go(self, spec: ObjectSpec) -> None:
+        """Pass the places on the way to an object."""
+        self.phase = "go"
+        for place in spec.way:
+            self._bring_hand(Pose(np.array(place), self.home.rotation))
+
+    def _bring_hand(self, hand: Pose) -> None:
+        """Move the open hand near a pose, or as near as the arm gets."""
+        still = 0
+        for _ in range(self.settings.grasp.approach_steps):
+            before = self.body.read().eef
+            now = self.body.move_hand(hand, OPEN).eef
+            turned = angle_between(now.rotation, hand.rotation)
+            if np.linalg.norm(now.position - hand.position) < _NEAR and turned < _NEAR_ROTATION:
+                return
+            moved = np.linalg.norm(now.position - before.position) + angle_between(now.rotation, before.rotation)
+            still = still + 1 if moved < self.settings.following.stuck else 0
+            if still >= self.settings.following.stuck_steps:
+                return
 
     def _fell_into_place(self) -> bool:
         """Whether the object slid out of the hand to where the plan wanted it."""
@@ -201,9 +273,11 @@ class _Program:
         """The class of a failure; looks at contacts, which no decision does."""
         if self.finished:
             return "not aligned"
+        if self.phase == "go":
+            return "time-out"
         if not self.held_once:
             return "missed grasp"
-        if self.lost or self.phase in ("recover", "grasp") or not env.in_contact():
+        if self.lost or self.phase in ("recover", "grasp") or not env.in_contact(self.spec.name):
             return "lost grasp"
         now = self.body.read()
         if self.grip is not None:

@@ -4,11 +4,13 @@ Decisions rest on the plans, the object's pose and where the hand holds it: no p
 """
 
 from collections import deque
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.envs.tasks.task import Placing
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import Foresight, Reading, raised
 from ocplanner.transfer.settings import TransferSettings
@@ -21,6 +23,10 @@ _SEARCH = np.array(
     [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
 )
 _UNSTICK_STEPS = 14
+_CLOSING_IN = 0.08  # m; a plan that leads no farther away is traced exactly
+_WEDGED, _WEDGED_STEPS = 0.005, 16  # m; an object that is traced and moves less in so many steps is wedged
+_SLOW = 1.0  # times the speed at rest
+_LEVER = 0.1  # m; a turn by a radian counts as that much motion where turning matters
 _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
@@ -38,8 +44,10 @@ class Follower:
         settings: modes and thresholds.
         yaw_fold: symmetry of the goal, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         start: what is sensed when the object has just been taken.
-        let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         reach: where the arm gets to; without it every pose counts as reachable.
+        let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
+        placing: how it gets there, see the same.
+        tolerance: how exactly, metres and radians; the settings' numbers if not given.
     """
 
     def __init__(
@@ -50,14 +58,24 @@ class Follower:
         reach: Foresight | None = None,
         *,
         let_go: bool = True,
+        placing: Placing = "drop",
+        tolerance: tuple[float, float] | None = None,
     ) -> None:
         self.settings = settings
         self._lets_go = let_go
+        self._placing = placing
         self._rule = settings.following
+        if tolerance is not None:
+            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1])
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
         )
+        self._exact_controller = _core.DeltaPoseController(
+            settings.follow, gate_position=self._rule.aligned, gate_rotation=self._rule.aligned_rotation
+        )
+        self._closing_in = False
+        self._aim: Pose | None = None
         self._reach = reach
         self._turned: np.ndarray | None = None
         self._start = start.object
@@ -67,11 +85,12 @@ class Follower:
         self._lifted = False
         self._still = 0
         self._ends: deque[Pose] = deque(maxlen=self._rule.goal_memory)
-        self._last_ends: deque[np.ndarray] = deque(maxlen=self._rule.goal_memory // 3)
+        self._last_ends: deque[Pose] = deque(maxlen=self._rule.goal_memory // 3)
         self._hold: float | None = None
         self._aligning = 0
         self._lowering: Reading | None = None
         self._attempt = 0
+        self._track: deque[Pose] = deque(maxlen=_WEDGED_STEPS)
         self._unstick: Pose | None = None
         self._unstick_steps = 0
 
@@ -85,11 +104,15 @@ class Follower:
         """
         if rotations is not None:
             rotations = self._turn(positions, rotations, now)
-        self._controller.set_plan(np.ascontiguousarray(positions), rotations, now.object)
+        positions = np.ascontiguousarray(positions)
+        self._controller.set_plan(positions, rotations, now.object)
+        self._exact_controller.set_plan(positions, rotations, now.object)
+        farthest = np.linalg.norm(positions - now.object.position, axis=1).max()
+        self._closing_in = self._placing == "trace" and bool(farthest < _CLOSING_IN)
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
         end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
-        self._last_ends.append(end.position)
+        self._last_ends.append(end)
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
         elif self._ends and self._lowering is None:
@@ -99,10 +122,12 @@ class Follower:
         """Where to move the object in this control step."""
         here = now.object
         moved = float(np.linalg.norm(here.position - self._previous.position))
+        if self._placing == "trace":
+            moved = self._motion(self._previous, here)
         self._previous = here
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
-        target = Pose(*self._controller.target(here))
+        target = self._target(here, moved)
         if not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
@@ -111,6 +136,15 @@ class Follower:
         if self.settings.follow != "gated":
             return Command(target, "transit")
         return self._gated(now, target, moved)
+
+    def _target(self, here: Pose, moved: float) -> Pose:
+        """The pose of the plan to aim at; one that is traced exactly keeps it until the object is slow."""
+        if not self._closing_in:
+            self._aim = None
+            return Pose(*self._controller.target(here))
+        if self._aim is None or moved < _SLOW * self._rule.resting:
+            self._aim = Pose(*self._exact_controller.target(here))
+        return self._aim
 
     @property
     def goal(self) -> Pose | None:
@@ -127,16 +161,24 @@ class Follower:
         """Whether the object has been lifted, rests, and the last plans lead nowhere else."""
         if len(self._last_ends) < (self._last_ends.maxlen or 0) or not self._has_lifted(here):
             return False
-        farthest = np.linalg.norm(np.array(self._last_ends) - here.position, axis=1).max()
-        return bool(farthest < self._rule.release and moved < self._rule.resting)
+        farthest = max(float(np.linalg.norm(end.position - here.position)) for end in self._last_ends)
+        if self._placing != "trace":
+            return farthest < self._rule.release and moved < self._rule.resting
+        widest = max(angle_between(end.rotation, here.rotation) for end in self._last_ends)
+        slack = 4.0 if self._still > self._rule.patience else 2.0
+        near = farthest < slack * self._rule.aligned and widest < slack * self._rule.aligned_rotation
+        return near and moved < self._rule.resting
 
     def may_release(self, here: Pose, moved: float = 0.0) -> bool:
         """Whether the plans are fulfilled.
 
-        The object has gone well below where they end, which only one that hangs free there can; or it rests at that
-        height and coming free and trying again has not brought it lower. The blind modes do not press, so that for
-        them resting there is enough.
+        An object that is led along the plan has arrived, one that is inserted has done so while it was let down. Any
+        other has gone well below where they end, which only one that hangs free there can; or it rests at that height
+        and coming free and trying again has not brought it lower. The blind modes do not press, so that for them
+        resting there is enough.
         """
+        if self._placing != "drop" and self.settings.follow == "gated":
+            return (self._placing == "trace" or self._is_let_down(here)) and self.has_arrived(here, moved)
         goal, rule = self.goal, self._rule
         if goal is None:
             return False
@@ -147,6 +189,11 @@ class Follower:
             return True
         patient = self.settings.follow != "gated" or self._attempt >= rule.attempts
         return bool(patient and away[2] < rule.release and moved < rule.resting)
+
+    def _is_let_down(self, here: Pose) -> bool:
+        """Whether the object has come down from where it was lined up, rather than rests on its way."""
+        lowering = self._lowering
+        return lowering is not None and bool(lowering.object.position[2] - here.position[2] > self._rule.lowering)
 
     def _turn(self, positions: np.ndarray, rotations: np.ndarray, now: Reading) -> np.ndarray:
         """The plan's rotations, all turned alike by the goal's symmetry: no jumps within a plan.
@@ -194,6 +241,8 @@ class Follower:
         if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
             return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
         self._lifted = True
+        if self._placing == "trace":
+            return self._trace(here, target)
         goal = self.goal
         if goal is not None:
             return self._let_down(now, goal, moved)
@@ -205,9 +254,8 @@ class Follower:
     def _let_down(self, now: Reading, goal: Pose, moved: float) -> Command:
         rule, here = self._rule, now.object
         rotation = nearest_equivalent(goal.rotation, self._reference(here), self._yaw_fold)
-        ring = rule.search * (1 + self._attempt // len(_SEARCH))
         place = goal.position.copy()
-        place[:2] += ring * _SEARCH[self._attempt % len(_SEARCH)]
+        place[:2] += self._aside()
         if self._hold is None:  # fixed from here on: with every overshoot it would climb
             self._hold = max(self._top, float(goal.position[2]) + rule.lowering)
         if self._lowering is None:
@@ -230,6 +278,29 @@ class Follower:
             return self._come_free(here)
         place[2] = max(place[2] - rule.press, here.position[2] - rule.lower_step)
         return Command(Pose(place, rotation), "lower")
+
+    def _trace(self, here: Pose, target: Pose) -> Command:
+        """Go where the plan leads; an object that stays wedged comes free and tries beside that."""
+        self._track.append(here)
+        wedged = len(self._track) == _WEDGED_STEPS and self._motion(self._track[0], here) < _WEDGED
+        if wedged:
+            self._attempt += 1
+            self._track.clear()
+            return self._come_free(here)
+        if self._closing_in:
+            target = target._replace(position=target.position + np.append(self._aside(), 0.0))
+        return Command(target, "transit")
+
+    @staticmethod
+    def _motion(before: Pose, after: Pose) -> float:
+        """Metres; a turn counts where the object would hit something with an end of it."""
+        turned = angle_between(before.rotation, after.rotation)
+        return float(np.linalg.norm(after.position - before.position)) + _LEVER * turned
+
+    def _aside(self) -> np.ndarray:
+        """(2,) where to try, from where the plan leads, metres."""
+        ring = self._rule.search * (1 + self._attempt // len(_SEARCH))
+        return ring * _SEARCH[self._attempt % len(_SEARCH)]
 
     def _come_free(self, here: Pose) -> Command:
         self._unstick = raised(here, self._rule.unstick_lift)

@@ -28,7 +28,7 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
     """
     site = Pose(-robot.rotation_grasp_site @ robot.middle, robot.rotation_grasp_site)
     inward = None if reach is None else -now.object.rotation.T @ reach.outward(now.object.position)
-    candidates = [_hand(grasp.pose_object_eef, robot, site, inward) for grasp in spec.grasps]
+    candidates = [_hand(grasp.pose_object_eef, robot, spec, site, inward) for grasp in spec.grasps]
     if robot.spare_finger is not None:
         pairs = zip(candidates, spec.grasps, strict=True)
         free = [hand for hand, grasp in pairs if _points_away(hand, grasp.pose_object_eef.position)]
@@ -45,10 +45,10 @@ def choose_grasp(spec: ObjectSpec, robot: RobotSpec, now: Reading, reach: Foresi
     return candidates[int(np.argmax(rooms))]
 
 
-def _hand(grasp: Pose, robot: RobotSpec, site: Pose, inward: np.ndarray | None) -> Pose:
+def _hand(grasp: Pose, robot: RobotSpec, spec: ObjectSpec, site: Pose, inward: np.ndarray | None) -> Pose:
     """The end-effector pose of a grasp; a hand whose spare finger would then reach lower does not lean outward."""
     upright = robot.spare_finger is not None and np.linalg.norm(grasp.position[:2]) > _BESIDE
-    return leaning(grasp, 0.0 if upright else robot.lean, inward) @ site
+    return leaning(grasp, 0.0 if upright else max(robot.lean, spec.lean), inward) @ site
 
 
 def _points_away(hand: Pose, grasp: np.ndarray) -> bool:

@@ -2,7 +2,6 @@
 
 import json
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +68,7 @@ class Journal:
     def add(self, run: Run, *, filmed: bool = False) -> None:
         """Keep one episode, and that its video is written if it is; when this returns it survives a kill."""
         with writing(self.path), self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({**asdict(run), "filmed": filmed}) + "\n")
+            file.write(json.dumps({**run.to_json(), "filmed": filmed}) + "\n")
             file.flush()
             os.fsync(file.fileno())
         self._note(run, filmed=filmed)

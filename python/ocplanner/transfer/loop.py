@@ -15,11 +15,12 @@ from ocplanner.transfer.journal import Journal
 from ocplanner.transfer.result import Run, TransferResult
 from ocplanner.transfer.scenario import Scenario, Stage, make_scenario
 from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.task_planners import TaskPlanners
 from ocplanner.versions import installed
 
 
 def transfer(
-    planner: Planner | str | Path,
+    planner: TaskPlanners | Planner | str | Path | Sequence[Planner | str | Path],
     robot: str = "Sawyer",
     *,
     task: str | None = None,
@@ -47,7 +48,7 @@ def transfer(
     """Solve a planner's task on a robot that never demonstrated it.
 
     Args:
-        planner: the planner or its file.
+        planner: the planner or its file; for a task with several objects, one for each of them.
         robot: name of the arm.
         task: must be the planner's task; here to be checked.
         episodes: how many.
@@ -80,7 +81,7 @@ def transfer(
         OutputError: ``out`` cannot be written, is there already, or holds episodes of another transfer.
         ClusterError: there is no Ray cluster at the address.
     """
-    planner = planner if isinstance(planner, Planner) else Planner.load(planner)
+    planner = TaskPlanners.of(planner)
     scenario = make_scenario(
         planner,
         robot,
@@ -124,7 +125,7 @@ def seeds_of(episodes: int, start: int) -> range:
 
 def run_transfer(
     scenario: Scenario,
-    planner: Planner,
+    planner: TaskPlanners | Planner,
     seeds: Sequence[int],
     *,
     workers: int = 1,
@@ -141,7 +142,7 @@ def run_transfer(
 
     Args:
         scenario: what is run.
-        planner: the scenario's planner.
+        planner: the scenario's planner or planners.
         seeds: one an episode.
         workers: processes.
         ray: address of a Ray cluster for the workers.
@@ -177,7 +178,7 @@ def run_transfer(
     return result
 
 
-def describe(scenario: Scenario, planner: Planner, command: str = "") -> TransferResult:
+def describe(scenario: Scenario, planner: TaskPlanners | Planner, command: str = "") -> TransferResult:
     """The result of a scenario before any episode of it is run; its file name is known already."""
     return TransferResult(
         task=scenario.task,
@@ -273,8 +274,8 @@ def _done(scenario: Scenario, journal: Journal, seed: int) -> bool:
     return seed in journal.runs and (video is None or (seed in journal.filmed and video.exists()))
 
 
-def _identity(scenario: Scenario, planner: Planner) -> dict[str, Any]:
+def _identity(scenario: Scenario, planner: TaskPlanners | Planner) -> dict[str, Any]:
     content = asdict(scenario)
-    for key in ("planner", "videos", "filmed"):
+    for key in ("planners", "videos", "filmed"):
         del content[key]
     return {**content, "planner_sha256": planner.sha256, "versions": installed()}

@@ -12,13 +12,14 @@ from ocplanner.storage import atomic_json, locked
 from ocplanner.transfer.loop import describe, run_transfer, running_command, seeds_of
 from ocplanner.transfer.result import Run, TransferResult
 from ocplanner.transfer.scenario import make_scenario
+from ocplanner.transfer.task_planners import TaskPlanners
 
 SUFFIX = ".safetensors"
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """Transfers of one planner a task to several robots.
+    """Transfers of one planner a task, or one an object of it, to several robots.
 
     Attributes:
         command: remakes it.
@@ -34,7 +35,7 @@ class Matrix:
         return path
 
 
-def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[Planner]:
+def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[TaskPlanners]:
     """The planners of a matrix, by task.
 
     Args:
@@ -43,7 +44,8 @@ def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[Planner]:
 
     Raises:
         PlannerFileError: a file is no planner, or there are none.
-        InvalidValueError: several planners have the same task.
+        InvalidValueError: several planners are for the same object of a task.
+        MismatchError: an object of a task has no planner.
     """
     paths = [Path(path) for path in paths]
     planners: list[Planner] = []
@@ -58,19 +60,20 @@ def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[Planner]:
             f"no planner ({SUFFIX}) of training seed {seed} in {', '.join(map(str, paths)) or 'no path at all'}; name "
             "planner files, or a folder that holds one a task"
         )
-    by_task: dict[str, Planner] = {}
+    by_task: dict[str, dict[str, Planner]] = {}
     for planner in planners:
-        other = by_task.setdefault(str(planner.config["task"]), planner)
+        by_object = by_task.setdefault(str(planner.config["task"]), {})
+        other = by_object.setdefault(str(planner.config["object"]), planner)
         if other is not planner:
             raise InvalidValueError(
                 f"{other.path} and {planner.path} both plan for {planner.config['task']}, but a matrix has one planner "
-                "a task; name the files"
+                "a task, or one an object of it; name the files"
             )
-    return [by_task[task] for task in sorted(by_task)]
+    return [TaskPlanners(list(by_task[task].values())) for task in sorted(by_task)]
 
 
 def transfer_matrix(
-    planners: Sequence[Planner],
+    planners: Sequence[TaskPlanners],
     robots: Sequence[str] = tuple(ROBOTS),
     *,
     out: str | Path,

@@ -22,15 +22,17 @@ class Recorder:
     def __init__(self, env: ManipulationEnv) -> None:
         self._env = env
         self.frames: list[np.ndarray] = []
-        self._positions: list[np.ndarray] = []
+        self._positions: list[dict[str, np.ndarray]] = []
 
     def __call__(self) -> None:
-        """Take a picture, and note where the object is."""
+        """Take a picture, and note where the objects are."""
         self.frames.append(self._env.render(_CAMERA, _SIDE, _SIDE))
-        self._positions.append(self._env.object_pose().position)
+        self._positions.append(
+            {spec.name: self._env.object_pose(spec.name).position for spec in self._env.task.objects}
+        )
 
     def write(self, path: Path, episode: Episode) -> Path:
-        """Write the mp4: the plan in force in red, the object's own path in another colour."""
+        """Write the mp4: the plan in force in red, the path of the object in play in another colour."""
         project = self._env.project
         trace = episode.trace
         planned: list[np.ndarray | None] = []
@@ -39,12 +41,13 @@ class Recorder:
         for step, phase in enumerate(trace.phases):
             if step in plans:
                 current = project(_CAMERA, plans[step], _SIDE, _SIDE)
-            planned.append(None if phase in ("grasp", "release", "recover") else current)
+            planned.append(None if phase in ("grasp", "release", "recover", "go") else current)
         outcome = "success" if episode.success else episode.failure
         last = len(trace.phases) - 1
         captions = [
             Caption(self._env.robot.name, episode.seed, step, phase, outcome if step == last else None)
             for step, phase in enumerate(trace.phases)
         ]
-        achieved = project(_CAMERA, np.array(self._positions), _SIDE, _SIDE)
+        achieved_world = [positions[name] for positions, name in zip(self._positions, trace.in_play)]
+        achieved = project(_CAMERA, np.array(achieved_world), _SIDE, _SIDE)
         return write_episode_video(path, self.frames, planned, achieved, captions=captions)

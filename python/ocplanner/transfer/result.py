@@ -21,6 +21,14 @@ class Run:
     steps: int
     failure: str | None
     released_by: str | None
+    failed_with: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of a result file; ``failed_with`` only where it says something."""
+        content = asdict(self)
+        if self.failed_with is None:
+            del content["failed_with"]
+        return content
 
 
 _PLAIN = (
@@ -55,7 +63,7 @@ class TransferResult:
         mask_error: pixels by which masks were wrong.
         pose_error: how wrong the object's pose was that grasping and following read.
         pose_filter: control steps over which they averaged it, 1 for none.
-        planner_sha256: of the planner file.
+        planner_sha256: of the planner file; of several, one an object, those of each, joined by ``+``.
         planner_seed: training seed of the planner, if known.
         command: remakes this result.
         versions: installed versions by package.
@@ -121,7 +129,7 @@ class TransferResult:
             "planner_seed": self.planner_seed,
             "command": self.command,
             "versions": self.versions,
-            "runs": [asdict(run) for run in self.runs],
+            "runs": [run.to_json() for run in self.runs],
         }
 
     @classmethod

@@ -18,6 +18,7 @@ from ocplanner.transfer.pose_filter import FilteredArm
 from ocplanner.transfer.recording import Recorder
 from ocplanner.transfer.result import Run
 from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.task_planners import TaskPlanners
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,11 @@ class Scenario:
     """What one worker needs to run any of the episodes.
 
     Attributes:
-        planner: the planner file.
+        planners: the planner files, one an object in the task's order.
         task: name of the task.
         robot: name of the robot.
         observe: what the planner sees.
-        cameras: the planner's cameras.
+        cameras: the planners' cameras.
         image_size: side of its pictures, pixels.
         visual: visual preset.
         patches: corrections of the model.
@@ -42,7 +43,7 @@ class Scenario:
         filmed: seeds whose episodes are recorded.
     """
 
-    planner: Path
+    planners: tuple[Path, ...]
     task: str
     robot: str
     observe: str
@@ -68,7 +69,7 @@ class Scenario:
         return FilteredArm(erring, self.pose_filter, self.pose_error.latency_steps) if self.pose_filter > 1 else erring
 
     def make(self) -> "Stage":
-        """Load the planner and put the robot before its task."""
+        """Load the planners and put the robot before their task."""
         env = make_env(
             self.task,
             self.robot,
@@ -79,15 +80,15 @@ class Scenario:
             patches=self.patches,
             control=self.control,
         )
-        return Stage(self, env, Planner.load(self.planner))
+        return Stage(self, env, TaskPlanners.of(self.planners))
 
 
 class Stage:
     """A scenario set up in a process."""
 
-    def __init__(self, scenario: Scenario, env: ManipulationEnv, planner: Planner) -> None:
+    def __init__(self, scenario: Scenario, env: ManipulationEnv, planners: TaskPlanners) -> None:
         """Keep the parts."""
-        self.scenario, self.env, self.planner = scenario, env, planner
+        self.scenario, self.env, self.planners = scenario, env, planners
 
     def play(self, seed: int) -> Run:
         """Run one episode."""
@@ -97,7 +98,7 @@ class Stage:
         sight = ErringMask(scenario.mask_error, seed)
         episode = run_episode(
             self.env,
-            self.planner,
+            self.planners.by_object,
             seed,
             scenario.settings,
             observe=sight.observe,
@@ -106,7 +107,7 @@ class Stage:
         )
         if recorder is not None and video is not None:
             recorder.write(video, episode)
-        return Run(seed, episode.success, episode.steps, episode.failure, episode.released_by)
+        return Run(seed, episode.success, episode.steps, episode.failure, episode.released_by, episode.failed_with)
 
     def close(self) -> None:
         """Free the simulation."""
@@ -114,7 +115,7 @@ class Stage:
 
 
 def make_scenario(
-    planner: Planner,
+    planner: TaskPlanners | Planner,
     robot: str,
     *,
     task: str | None = None,
@@ -133,7 +134,7 @@ def make_scenario(
     """What the planner file says about how it wants to see, checked against what is asked for.
 
     Args:
-        planner: the planner.
+        planner: the planner, or those of a task with several objects.
         robot: name of the arm.
         task: must be the planner's task; here to be checked.
         follow: ``gated``, ``time`` or ``open-loop``.
@@ -155,19 +156,15 @@ def make_scenario(
         MismatchError: the planner was made for another task, object, observation or visual preset.
         InvalidValueError: an error is negative, or ``pose_filter`` not positive.
     """
-    config = planner.config
-    spec, arm = task_spec(str(config["task"])), robot_spec(robot)
+    planners = TaskPlanners.of(planner)
+    config, spec, arm = planners.config, planners.task, robot_spec(robot)
     if control not in CONTROL_LOOPS:
         raise UnknownNameError("control loop", control, CONTROL_LOOPS)
     if task is not None and task_spec(task).name != spec.name:
-        raise MismatchError(f"{planner.path} plans for the task {spec.name}, not {task}; train a planner on {task}")
-    if config["object"] not in {candidate.name for candidate in spec.objects}:
-        raise MismatchError(
-            f"{planner.path} plans for the object {config['object']!r}, which {spec.name} does not have"
-        )
+        raise MismatchError(f"{planners} plans for the task {spec.name}, not {task}; train a planner on {task}")
     if observe is not None and observe != config["observe"]:
         raise MismatchError(
-            f"{planner.path} was trained on observe={config['observe']}, not {observe}; "
+            f"{planners} was trained on observe={config['observe']}, not {observe}; "
             f"leave --observe out, or train a planner with --observe {observe}"
         )
     if pose_filter < 1:
@@ -177,13 +174,13 @@ def make_scenario(
     if mask_error and config["observe"] != "masked":
         raise MismatchError(f"a mask error needs a planner trained on observe=masked, not {config['observe']}")
     return Scenario(
-        planner=Path(planner.path).absolute(),
+        planners=planners.paths,
         task=spec.name,
         robot=arm.name,
         observe=str(config["observe"]),
-        cameras=tuple(config["cameras"]),
+        cameras=planners.cameras,
         image_size=int(config["image_size"]),
-        visual=_preset(planner, visual, allow_mismatch),
+        visual=_preset(planners, visual, allow_mismatch),
         patches=arm.patches if patches is None else tuple(patches),
         control=control,
         mask_error=mask_error,
@@ -193,18 +190,18 @@ def make_scenario(
     )
 
 
-def _preset(planner: Planner, asked: str | None, allow_mismatch: bool) -> str:
+def _preset(planners: TaskPlanners, asked: str | None, allow_mismatch: bool) -> str:
     """The visual preset to draw with: the one that the planner was trained on, unless another is wanted knowingly."""
-    trained = planner.config["visual"]
+    trained = planners.config["visual"]
     if asked is None and trained is None:
         raise MismatchError(
-            f"{planner.path} does not say with which visual preset its images were drawn; "
+            f"{planners} does not say with which visual preset its images were drawn; "
             f"name it with --visual (robosuite's own pictures are stock)"
         )
     name = visual_preset(trained if asked is None else asked).name
     if trained is not None and name != trained and not allow_mismatch:
         raise MismatchError(
-            f"{planner.path} was trained on the visual preset {trained}, not {name}; leave --visual out, train "
+            f"{planners} was trained on the visual preset {trained}, not {name}; leave --visual out, train "
             f"a planner on images that `ocplanner render --visual {name}` draws, or add --allow-mismatch"
         )
     return name

@@ -3,16 +3,16 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocplanner.demos.carrying import Carrier, Manner, NoisyBody, carry_path, evenly_spaced
+from ocplanner.demos.carrying import Carrier, Manner, NoisyBody, carry_path
 from ocplanner.demos.experts.expert import Expert
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.pose import Pose
 from ocplanner.transfer.symmetry import yaw_rotation
 
 _UPRIGHT = yaw_rotation(np.pi)  # the frame's arm away from the robot, the hand from the left
-_ASIDE = np.array([0.0, 0.15, 0.0])  # from the stand, to where the hand is while it inserts the frame, m
+_ASIDE = np.array([0.0, 0.15, 0.0])  # where the hand goes that has inserted the frame, m
 _ROUND_THE_STAND = np.array([(-0.06, 0.2, 0.05), (-0.1, -0.2, 0.05)])  # places of the hand from its first one, m
-_TILT = np.deg2rad(43)  # of the tool, ring up, when it is let go
+_TILT = np.deg2rad(49)  # of the tool, ring up, when it is let go
 _RING = 0.0097  # inner radius of the tool's ring, m
 
 
@@ -42,9 +42,7 @@ def _mount_frame(env: ManipulationEnv, carrier: Carrier, manner: Manner) -> None
     hole = (env.data.geom("stand_wall0").xpos + env.data.geom("stand_wall2").xpos) / 2
     foot = rotation @ (env.model.site("frame_mount_site").pos * [1, 1, 0])
     goal = np.array([*(hole - foot)[:2], manner.carry_height])
-    aside = goal + _ASIDE
-    carrier.carry(carry_path(start.position, aside, manner), rotation)
-    carrier.carry(evenly_spaced(np.array([aside, goal]), 40), rotation)
+    carrier.carry(carry_path(start.position, goal, manner), rotation)
     carrier.let_down(Pose(goal, rotation))
     carrier.let_go(_ASIDE)
 

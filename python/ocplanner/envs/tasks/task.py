@@ -1,11 +1,14 @@
 """What a task is: a robosuite environment, the objects that matter in it, and where to hold them."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ocplanner.errors import UnknownNameError
 from ocplanner.pose import Pose
+
+Placing = Literal["drop", "insert", "trace"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class GraspFrame:
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """An object that a task is about.
+    """An object that a task is about. Where tasks have several, they are placed one after another, each as planned.
 
     Attributes:
         name: robosuite's name, the prefix of its sensors (``SquareNut`` of ``SquareNut_pos``).
@@ -39,6 +42,15 @@ class ObjectSpec:
         hover: height above the grasp, metres, from which the hand comes down on it, where walls stand round it; the
             grasp primitive's own if not given.
         arms: numbers of the arms that carry it; the first takes it and hands it over to the next.
+        placing: how it gets to where the plan ends, and when it is let go of. ``"drop"``: lined up above that place and
+            let down, until it hangs free there. ``"insert"``: in the same way, until it rests there. ``"trace"``: led
+            through each pose of the plan, until it rests at the last.
+        tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
+            if not given.
+        lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
+        withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
+        way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
+            began: where the straight way would lead through something.
     """
 
     name: str
@@ -48,6 +60,11 @@ class ObjectSpec:
     let_go: bool = True
     hover: float | None = None
     arms: tuple[int, ...] = (0,)
+    placing: Placing = "drop"
+    tolerance: tuple[float, float] | None = None
+    lean: float = 0.0
+    withdraw: Literal["up", "back"] = "up"
+    way: tuple[tuple[float, float, float], ...] = ()
 
     def grasp(self, name: str) -> GraspFrame:
         """The grasp called ``name``.

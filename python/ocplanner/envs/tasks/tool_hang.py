@@ -9,6 +9,8 @@ from ocplanner.pose import Pose
 
 # The frame lies on its side, its y pointing down, and is held by the grip on its vertical bar.
 _GRIP = np.array([0.04375, 0.0, 0.0525])
+# Both objects lie to the right of the stand, and the frame is inserted by a hand to its left.
+_LEFT_OF_THE_STAND, _OVER_THE_OBJECTS = (-0.17, 0.2, 1.07), (-0.2, -0.2, 1.07)
 
 
 def _grip(name: str, closing: float) -> GraspFrame:
@@ -20,11 +22,23 @@ TASK = Task(
     name="ToolHang",
     env_name="ToolHang",
     objects=(
-        ObjectSpec(name="frame", joint="frame_joint0", grasps=(_grip("grip", 1.0), _grip("grip-turned", -1.0))),
+        ObjectSpec(
+            name="frame",
+            joint="frame_joint0",
+            grasps=(_grip("grip", 1.0), _grip("grip-turned", -1.0)),
+            placing="insert",
+            tolerance=(0.003, 0.05),
+            lean=0.26,
+            withdraw="back",
+            way=(_OVER_THE_OBJECTS,),
+        ),
         ObjectSpec(
             name="tool",
             joint="tool_joint0",
             grasps=tuple(top_grasp(f"grip-{side}", (0.0, 0.0, 0.0), side * pi / 2) for side in (1, -1)),
+            way=(_LEFT_OF_THE_STAND, _OVER_THE_OBJECTS),
+            placing="trace",
+            tolerance=(0.003, 0.06),
         ),
     ),
     horizon=700,

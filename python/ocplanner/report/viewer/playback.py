@@ -10,8 +10,9 @@ from ocplanner.planner.planner import Planner
 from ocplanner.report.viewer.bodies import body_meshes
 from ocplanner.transfer.episode import run_episode
 from ocplanner.transfer.settings import TransferSettings
+from ocplanner.transfer.task_planners import TaskPlanners
 
-_UNPLANNED = ("grasp", "release", "recover")  # phases in which no plan is followed
+_UNPLANNED = ("grasp", "release", "recover", "go")  # phases in which no plan is followed
 
 
 @dataclass(frozen=True)
@@ -44,19 +45,25 @@ class Playback:
 
 
 def record_playback(
-    planner: Planner, robot: str, seed: int, *, follow: str = "gated", patches: tuple[str, ...] | None = None
+    planner: TaskPlanners | Planner,
+    robot: str,
+    seed: int,
+    *,
+    follow: str = "gated",
+    patches: tuple[str, ...] | None = None,
 ) -> Playback:
     """Run one zero-shot episode, the same that ``ocplanner transfer`` runs with this seed, and keep what was seen.
 
     Raises:
         UnknownNameError: no such robot, patch or way of following.
     """
-    config = planner.config
+    planners = TaskPlanners.of(planner)
+    config = planners.config
     settings = TransferSettings(follow=follow)
     with make_env(
         str(config["task"]),
         robot,
-        cameras=tuple(config["cameras"]),
+        cameras=planners.cameras,
         image_size=int(config["image_size"]),
         visual=str(config["visual"] or "fast"),
         observe=str(config["observe"]),
@@ -66,7 +73,11 @@ def record_playback(
         bodies = {name: env.model.body(name).id for name in meshes}
         poses: list[tuple[np.ndarray, np.ndarray]] = []
         episode = run_episode(
-            env, planner, seed, settings, on_step=lambda: poses.append((env.data.xpos.copy(), env.data.xquat.copy()))
+            env,
+            planners.by_object,
+            seed,
+            settings,
+            on_step=lambda: poses.append((env.data.xpos.copy(), env.data.xquat.copy())),
         )
     trace = episode.trace
     plans, planned = dict(trace.plans), []
