@@ -67,12 +67,14 @@ def speed(planner: Path, source: Path, pictures: Path, demos: int, seconds: floa
         apart = max(_difference(targets["ours"], targets[peer], names) for peer in ("torch", "torch as trained"))
     if apart > 1e-6:
         raise SystemExit(f"the rewards differ by {apart}: this compares two different jobs")
-    mine = timings["ours"].median
+    mine = timings.pop("ours")
     return {
+        "unit": "transitions a second",
+        "ours": round(transitions / mine.median),
+        "peers": {name: round(transitions / timing.median) for name, timing in timings.items()},
+        "ratio": {name: round(timing.median / mine.median, 2) for name, timing in timings.items()},
         "transitions": transitions,
-        "rounds": timings["ours"].rounds,
-        "transitions a second": {name: round(transitions / timing.median) for name, timing in timings.items()},
-        "ratio": {name: round(timing.median / mine, 2) for name, timing in timings.items() if name != "ours"},
+        "rounds": mine.rounds,
         "largest difference of rewards": apart,
     }
 
@@ -124,10 +126,13 @@ def main() -> None:
         resnet18 = Path(scratch, "resnet18.safetensors")
         seen = Planner.load(options.planner).config
         write_random_planner(resnet18, **RESNET18, **{key: seen[key] for key in ("observe", "visual", "mask_rgb")})
-        timed = {
-            name: speed(planner, options.data, options.pictures, options.demos, options.seconds)
-            for name, planner in {"given": options.planner, "resnet18": resnet18}.items()
-        }
+        timed = [
+            {"case": case, **speed(planner, options.data, options.pictures, options.demos, options.seconds)}
+            for case, planner in {
+                f"whole job, {options.planner.stem}": options.planner,
+                "whole job, resnet18": resnet18,
+            }.items()
+        ]
     print(json.dumps(timed), flush=True)  # noqa: T201
     with tempfile.TemporaryDirectory() as scratch, Demonstrations(options.data) as recorded:
         folder = Path(scratch)
@@ -141,7 +146,7 @@ def main() -> None:
         "machine": machine_and_load(),
         "command": shlex.join(["python", "tests/benchmarks/bench_label.py", *sys.argv[1:]]),
         "versions": installed(),
-        "speed": timed,
+        "rows": timed,
         "memory": rows,
     }
     atomic_json(options.output, result)

@@ -142,12 +142,12 @@ def row(case: str, taken: dict[str, Seconds]) -> dict[str, Any]:
         "case": case,
         "unit": "ms a step",
         "ours": round(1e3 * float(np.median(mine)), 2),
-        "robomimic": round(1e3 * float(np.median(theirs)), 2),
-        "ratio": round(float(np.median(theirs / mine)), 2),
+        "peers": {"robomimic": round(1e3 * float(np.median(theirs)), 2)},
+        "ratio": {"robomimic": round(float(np.median(theirs / mine)), 2)},
         "without data": {
             "ours": round(1e3 * float(np.median(mine_bare)), 2),
-            "robomimic": round(1e3 * float(np.median(theirs_bare)), 2),
-            "ratio": round(float(np.median(theirs_bare / mine_bare)), 2),
+            "peers": {"robomimic": round(1e3 * float(np.median(theirs_bare)), 2)},
+            "ratio": {"robomimic": round(float(np.median(theirs_bare / mine_bare)), 2)},
         },
         "turns": len(mine),
     }

@@ -17,9 +17,10 @@ def test_both_sides_label_alike_and_are_written(tiny_square, tmp_path, monkeypat
     monkeypatch.setattr(sys, "argv", ["bench_label.py", *map(str, flags)])
     bench_label.main()
     written = json.loads(out.read_text())
-    assert written["speed"].keys() == {"given", "resnet18"}
-    for measured in written["speed"].values():
-        assert measured["largest difference of rewards"] < 1e-6
-        assert set(measured["transitions a second"]) == {"ours", "torch", "torch as trained"}
+    assert [row["case"] for row in written["rows"]] == ["whole job, planner", "whole job, resnet18"]
+    for row in written["rows"]:
+        assert row["largest difference of rewards"] < 1e-6
+        assert row["ours"] > 0
+        assert set(row["peers"]) == set(row["ratio"]) == {"torch", "torch as trained"}
     few, file, many = (row["demonstrations"] for row in written["memory"])
     assert few < file == many / 3

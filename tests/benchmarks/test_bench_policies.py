@@ -17,7 +17,7 @@ def test_both_sides_train_and_are_written(tiny_square, tmp_path, monkeypatch):
     written = json.loads(out.read_text())
     (row,) = written["rows"]
     assert row["ours"] > 0
-    assert row["robomimic"] > 0
+    assert row["peers"]["robomimic"] > 0
     assert {"torch", "numpy"} <= set(written["versions"])
 
 
@@ -30,5 +30,5 @@ def test_medians_and_ratios():
     taken = {"ours": bench_policies.seconds(mine, 2), "robomimic": bench_policies.seconds(theirs, 2)}
     assert [len(values) for values in taken["ours"]] == [2, 2]
     row = bench_policies.row("case", taken)
-    assert (row["ours"], row["robomimic"], row["ratio"]) == (2.0, 6.0, 3.0)
-    assert row["without data"] == {"ours": 1.0, "robomimic": 4.0, "ratio": 4.0}
+    assert (row["ours"], row["peers"], row["ratio"]) == (2.0, {"robomimic": 6.0}, {"robomimic": 3.0})
+    assert row["without data"] == {"ours": 1.0, "peers": {"robomimic": 4.0}, "ratio": {"robomimic": 4.0}}

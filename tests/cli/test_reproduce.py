@@ -203,8 +203,8 @@ def test_table_1_runs_what_is_missing_and_gathers_it(ran, capsys):
     of_hints = [options for verb, options in ran if verb == "evaluate" and "--planner" in options]
     assert len(of_hints) == 5
     assert all(options["--last"] == "5" for options in of_hints)
-    rows = json.loads(Path("results/table1.json").read_text())["rows"]
-    assert [(row["algorithm"], row["observations"], row["variant"]) for row in rows] == [
+    rows = json.loads(Path("results/table1.json").read_text())["cells"]
+    assert [(row["algorithm"], row["observation"], row["kind"]) for row in rows] == [
         ("bc", "state", ""), ("bc-rnn", "state", ""),
         *(("bc", "image", hint) for hint in ("", "k1", "k10", "k10s")),
         *(("bc-rnn", "image", hint) for hint in ("", "k1", "k10s")),
@@ -221,11 +221,15 @@ def test_table_2_labels_states_and_images_with_rewards(ran):
     assert main(["reproduce", "--table", "2", "--seeds", "0", "--workers", "1"]) == 0
     labels = [options for verb, options in ran if verb == "label"]
     assert [(options["--reward"], options["--form"]) for options in labels] == [
-        ("augment", "penalty"), ("only", "penalty"), ("only", "penalty"), ("only", "literal"),
+        ("only", "exp"), ("augment", "exp"), ("only", "penalty"), ("augment", "penalty"),
+        ("only", "exp"), ("only", "penalty"), ("only", "literal"),
     ]  # fmt: skip
     assert all("masked" in options["--pictures"] for options in labels)
     verbs = [verb for verb, _ in ran]
-    assert (verbs.count("train-policy"), verbs.count("evaluate")) == (6, 6)
+    assert (verbs.count("train-policy"), verbs.count("evaluate")) == (9, 9)
     assert not any("--planner" in options for verb, options in ran if verb == "evaluate")
-    rows = json.loads(Path("results/table2.json").read_text())["rows"]
-    assert [row["published_best"] is not None for row in rows] == [True, False, False, True, True, True]
+    rows = json.loads(Path("results/table2.json").read_text())["cells"]
+    assert [(row["observation"], row["kind"]) for row in rows if row["published_best"] is not None] == [
+        ("state", ""), ("image", ""), ("image", "augment"), ("image", "only"),
+    ]  # fmt: skip
+    assert {row["variant"] for row in rows} == {"original", "augment", "only"}

@@ -32,9 +32,9 @@ def test_transfers_of_all_seeds_count_together(tmp_path):
 
 
 def test_a_measured_policy_stands_in_its_row(tmp_path):
-    cell = {"algorithm": "bc", "observations": "image", "variant": "k1", "seeds": [0, 1]}
-    rates = {"best_mean": 70.0, "last_five_mean": 61.5, "last_five_interval": [55.0, 66.1]}
-    (tmp_path / TABLES[1].name).write_text(json.dumps({"rows": [cell | rates]}))
+    cell = {"algorithm": "bc", "observation": "image", "kind": "k1", "seeds": [{"seed": 0}, {"seed": 1}]}
+    rates = {"best_mean": 70.0, "last5_mean": 61.5, "last5_interval": [55.0, 66.1]}
+    (tmp_path / TABLES[1].name).write_text(json.dumps({"cells": [cell | rates]}))
     (row,) = [row for row in rows(tmp_path) if row[1] == "BC (image), k = 1, from the object"]
     assert row[2:6] == ["69.3 ± 3.1", "70.0 best, 61.5 last five", "55.0-66.1", "2"]
 

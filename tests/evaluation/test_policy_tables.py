@@ -16,7 +16,7 @@ def evaluated(results, experiment, rates):
     path.write_text(json.dumps(content))
 
 
-@pytest.mark.parametrize(("table", "cells"), [(TABLE1, 9), (TABLE2, 6)])
+@pytest.mark.parametrize(("table", "cells"), [(TABLE1, 9), (TABLE2, 9)])
 def test_every_experiment_has_a_name_of_its_own(table, cells):
     experiments = table.experiments((0, 1, 2))
     assert len({experiment.name for experiment in experiments}) == len(experiments) == 3 * cells
@@ -30,10 +30,13 @@ def test_a_row_for_each_cell_with_every_seed(tmp_path):
     evaluated(tmp_path, PolicyExperiment("bc-rnn", "state"), [0.8] * 5)
     TABLE1.write(TABLE1.experiments((0, 1)), tmp_path)
     first, second = TABLE1.read(tmp_path)
-    assert (first["algorithm"], first["observations"], first["seeds"]) == ("bc-rnn", "state", [0])
-    assert (second["best"], second["best_mean"], second["best_std"]) == ([60, 70], 65, 5)
-    assert (second["last_five_mean"], second["published_best"]) == (50, [69.3, 3.1])
-    low, high = second["last_five_interval"]
+    assert (first["algorithm"], first["observation"], first["variant"]) == ("bc-rnn", "state", "original")
+    assert first["seeds"] == [{"seed": 0, "best": 80, "last5": 80}]
+    assert (second["variant"], second["kind"], second["preset"]) == ("hint", "k1", "cpu")
+    assert [one["best"] for one in second["seeds"]] == [60, 70]
+    assert (second["best_mean"], second["best_std"]) == (65, 5)
+    assert (second["last5_mean"], second["published_best"]) == (50, [69.3, 3.1])
+    low, high = second["last5_interval"]
     assert 45 < low < 50 < high < 55
     assert policy_table(TABLE1, tmp_path).splitlines()[2:] == [
         "| BC-RNN (state) | none | **80.0** (80) | 5 | 80.0 | 74.6-84.5 | 1 | 84.0 ± 0.0 |",

@@ -61,7 +61,7 @@ def _transfers(results: Path, follow: str) -> Iterator[Mapping[str, Any]]:
 
 
 def _policy_rows(table: PolicyTable, measured: Iterable[Mapping[str, Any]]) -> Iterator[Sequence[str]]:
-    rows = {(row["algorithm"], row["observations"], row["variant"]): row for row in measured}
+    rows = {(row["algorithm"], row["observation"], row["kind"]): row for row in measured}
     planned = [(one.algorithm, one.observations, one.variant) for one in table.experiments(_SEEDS[:1])]
     for cell in dict.fromkeys([*table.published, *planned, *rows]):
         algorithm, observations, variant = cell
@@ -74,8 +74,8 @@ def _policy_rows(table: PolicyTable, measured: Iterable[Mapping[str, Any]]) -> I
 def _measured(row: Mapping[str, Any] | None) -> tuple[str, str, str]:
     if row is None:
         return _NOT_MEASURED, "", ""
-    here = f"{row['best_mean']:.1f} best, {row['last_five_mean']:.1f} last five"
-    return here, _percent([bound / 100 for bound in row["last_five_interval"]]), str(len(row["seeds"]))
+    here = f"{row['best_mean']:.1f} best, {row['last5_mean']:.1f} last five"
+    return here, _percent([bound / 100 for bound in row["last5_interval"]]), str(len(row["seeds"]))
 
 
 def _percent(bounds: Sequence[float]) -> str:

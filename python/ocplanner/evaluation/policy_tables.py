@@ -13,6 +13,7 @@ from ocplanner.evaluation.intervals import wilson
 from ocplanner.evaluation.policy_experiments import (
     VARIANTS,
     PolicyExperiment,
+    RewardKind,
     table1_experiments,
     table2_experiments,
 )
@@ -42,7 +43,7 @@ class PolicyTable:
         return f"table{self.number}.json"
 
     def write(self, experiments: Iterable[PolicyExperiment], results: Path) -> None:
-        """Gather the evaluations that are there: a row for each cell of the table. Without any, nothing is written.
+        """Gather the evaluations that are there, rates in percent. Without any, nothing is written.
 
         Raises:
             ResultFileError: an evaluation is damaged.
@@ -56,10 +57,10 @@ class PolicyTable:
         rows = [self._row(cell, found, results) for cell, found in sorted(cells.items(), key=_order)]
         if rows:
             command = f"ocplanner reproduce --table {self.number}"
-            atomic_json(results / self.name, {"command": command, "data": "Square PH, mask/train", "rows": rows})
+            atomic_json(results / self.name, {"command": command, "data": "Square PH, mask/train", "cells": rows})
 
     def read(self, results: Path) -> list[dict[str, Any]]:
-        """The rows of the file; none if there is no such file.
+        """The cells of the file; none if there is no such file.
 
         Raises:
             ResultFileError: it is damaged.
@@ -68,7 +69,7 @@ class PolicyTable:
         if not path.exists():
             return []
         try:
-            return list(json.loads(path.read_text(encoding="utf-8"))["rows"])
+            return list(json.loads(path.read_text(encoding="utf-8"))["cells"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ResultFileError(
                 f"{path} is damaged ({error!r}); remake it with `ocplanner reproduce --table {self.number}`"
@@ -87,18 +88,21 @@ class PolicyTable:
         published = self.published.get(cell)
         return {
             "algorithm": cell[0],
-            "observations": cell[1],
-            "variant": cell[2],
-            "seeds": [experiment.seed for experiment in found],
+            "observation": cell[1],
+            "variant": _variant(cell[2]),
+            "kind": cell[2],
+            "preset": "cpu",
+            "seeds": [
+                {"seed": experiment.seed, "best": highest, "last5": mean}
+                for experiment, highest, mean in zip(found, best, last, strict=True)
+            ],
             "checkpoints": [len(evaluation["checkpoints"]) for evaluation in evaluations],
             "episodes": evaluations[0]["episodes"],
-            "best": best,
             "best_mean": float(np.mean(best)),
             "best_std": float(np.std(best)),
-            "last_five": last,
-            "last_five_mean": float(np.mean(last)),
-            "last_five_std": float(np.std(last)),
-            "last_five_interval": [100 * bound for bound in wilson(successes, episodes)],
+            "last5_mean": float(np.mean(last)),
+            "last5_std": float(np.std(last)),
+            "last5_interval": [100 * bound for bound in wilson(successes, episodes)],
             "published_best": None if published is None else list(published),
         }
 
@@ -126,6 +130,12 @@ TABLE2 = PolicyTable(
     },
 )
 TABLES = {table.number: table for table in (TABLE1, TABLE2)}
+
+
+def _variant(kind: str) -> str:
+    """``original``, ``hint``, ``augment`` or ``only``; ``kind``, a key of :data:`VARIANTS`, says more."""
+    made = VARIANTS[kind] if kind else None
+    return "original" if made is None else made.mode if isinstance(made, RewardKind) else "hint"
 
 
 def _order(item: tuple[Cell, Any]) -> tuple[bool, str, int]:

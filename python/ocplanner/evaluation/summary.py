@@ -145,15 +145,15 @@ def policy_table(table: PolicyTable, results: Path) -> str:
 
 
 def _policy(row: Mapping[str, Any]) -> list[str]:
-    low, high = row["last_five_interval"]
+    low, high = row["last5_interval"]
     published, several = row["published_best"], len(row["seeds"]) > 1
-    best, last = (f" ± {row[f'{name}_std']:.1f}" if several else "" for name in ("best", "last_five"))
+    best, last = (f" ± {row[f'{name}_std']:.1f}" if several else "" for name in ("best", "last5"))
     return [
-        f"{row['algorithm'].upper()} ({row['observations']})",
-        str(VARIANTS[row["variant"]]) if row["variant"] else "none",
-        f"**{row['best_mean']:.1f}**{best} ({', '.join(f'{value:.0f}' for value in row['best'])})",
+        f"{row['algorithm'].upper()} ({row['observation']})",
+        str(VARIANTS[row["kind"]]) if row["kind"] else "none",
+        f"**{row['best_mean']:.1f}**{best} ({', '.join(format(one['best'], '.0f') for one in row['seeds'])})",
         str(max(row["checkpoints"])),
-        f"{row['last_five_mean']:.1f}{last}",
+        f"{row['last5_mean']:.1f}{last}",
         f"{low:.1f}-{high:.1f}",
         str(len(row["seeds"])),
         "" if published is None else f"{published[0]:.1f} ± {published[1]:.1f}",
