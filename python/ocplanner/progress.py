@@ -1,5 +1,6 @@
 """Progress bars that count towards a known total."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -13,6 +14,24 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+QUIET_SECONDS = 20.0
+"""How long nothing is said where there is no terminal."""
+
+
+class PlainLines:
+    """In place of a bar where there is no terminal: says how far it is when nothing was said for a while."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._said = time.monotonic()
+
+    def say(self, line: str) -> None:
+        """Print the line, unless there is a terminal or the last one is recent."""
+        if self._console.is_terminal or time.monotonic() - self._said < QUIET_SECONDS:
+            return
+        self._said = time.monotonic()
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def counting_columns(unit: str = "") -> tuple[ProgressColumn, ...]:
@@ -40,7 +59,7 @@ def demonstrations_bar(doing: str, total: int, console: Console) -> Iterator[Cal
     It appears with the first, so that an error before leaves none behind.
     """
     bar = Progress(*counting_columns("demonstrations, {task.fields[rate]} steps/s"), console=console)
-    line, steps = bar.add_task(doing, total=total, rate="-"), 0
+    line, steps, lines = bar.add_task(doing, total=total, rate="-"), 0, PlainLines(console)
 
     def advance(_: str, length: int) -> None:
         nonlocal steps
@@ -48,6 +67,7 @@ def demonstrations_bar(doing: str, total: int, console: Console) -> Iterator[Cal
         steps += length
         elapsed = bar.tasks[line].elapsed or 0.0
         bar.update(line, advance=1, rate=f"{steps / elapsed:.0f}" if elapsed > 1 else "-")
+        lines.say(f"{doing}: {bar.tasks[line].completed:.0f} of {total} demonstrations")
 
     try:
         yield advance

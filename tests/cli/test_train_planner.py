@@ -14,6 +14,16 @@ def test_the_defaults_are_the_preset():
     assert parsed().configuration() == preset("cpu")
 
 
+def test_the_help_names_the_steps_of_both_presets(capsys):
+    with pytest.raises(SystemExit):
+        main(["train-planner", "--help"])
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for stage in ("vae", "predictor", "finetune"):
+        steps = [getattr(preset(name), stage).steps for name in ("cpu", "robomimic")]
+        assert f"Default: cpu {steps[0]}, robomimic {steps[1]}." in said
+    assert f"Default: {preset('cpu').loss.kl}." in said
+
+
 def test_flags_reach_the_configuration():
     flags = (
         "--horizon 50 --outputs position --observe no-robot --seed 2 --modes 3 --latent-loss kl --c-rot 2 --threads 2"

@@ -1,3 +1,4 @@
+import json
 import shutil
 from dataclasses import replace
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.dataset import RENDER_ATTRIBUTE, Demonstrations
 from ocplanner.errors import DatasetError
 from ocplanner.policies.data import load_samples
 from ocplanner.policies.transitions import load_transitions
@@ -177,3 +178,13 @@ def test_pictures_of_another_size_are_refused(changed, small):
         pytest.raises(DatasetError, match="64x64, expected 84x84"),
     ):
         load_samples(demos, NAMES, small(cameras=("agentview",)))
+
+
+def test_pictures_of_manipulation_alone_are_refused_for_policies_that_see(changed, small):
+    path = changed(lambda _: None, images=True)
+    with h5py.File(path, "a") as file:
+        file["data"].attrs[RENDER_ATTRIBUTE] = json.dumps({"frames": "manipulation", "cameras": ["agentview"]})
+    with Demonstrations(path) as demos:
+        load_samples(demos, NAMES, small())
+        with pytest.raises(DatasetError, match=r"black before the grasp.*--frames all"):
+            load_samples(demos, NAMES, small(cameras=("agentview",)))

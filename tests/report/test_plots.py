@@ -1,3 +1,4 @@
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -26,6 +27,15 @@ def test_a_stage_that_was_not_trained_says_so(write_run):
     lines = [line for line in (folder / "metrics.jsonl").read_text().splitlines() if "vae" in line]
     (folder / "metrics.jsonl").write_text("\n".join(lines) + "\n")
     assert "not measured" in texts(plots.loss_curves([read_run(folder)]))
+
+
+@pytest.mark.parametrize(("losses", "scale"), [((3.0, 2.0, 1.0), "linear"), ((3.0, 0.3, 0.03), "log")])
+def test_a_narrow_loss_has_a_linear_axis(losses, scale):
+    axes = plt.figure().add_subplot()
+    axes.plot(losses)
+    plots._value_axis(axes, loss=True)
+    assert axes.get_yscale() == scale
+    plt.close("all")
 
 
 def test_success_rates_show_counts_and_intervals(write_result):

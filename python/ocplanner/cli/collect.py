@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ocplanner.choices import Flaw
-from ocplanner.progress import counting_columns
+from ocplanner.progress import PlainLines, counting_columns
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,14 @@ class Collect:
         console = Console()
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
             bar = progress.add_task(f"{self.task}, {self.robot}", total=self.episodes)
-            failed = 0
+            failed, lines = 0, PlainLines(console)
 
             def count(_: str, success: bool) -> None:
                 nonlocal failed
                 failed += not success
                 text = f"{self.task}, {self.robot}" + (f", {failed} failed" if failed else "")
                 progress.update(bar, advance=int(success), description=text)
+                lines.say(f"{text}: {progress.tasks[bar].completed:.0f} of {self.episodes} demonstrations")
 
             collected = collect(
                 self.out,

@@ -15,7 +15,7 @@ class TrainPlanner:
     """Train an object-centric planner on a rendered data set; run the same command again to continue after a stop."""
 
     data: Path
-    """Robomimic HDF5 with images, made by `ocplanner render` or `ocplanner collect`."""
+    """Robomimic HDF5 with images, made by `ocplanner render`."""
     run_folder: Annotated[Path, tyro.conf.arg(name="run")]
     """Run folder: config.yaml, metrics.jsonl, TensorBoard events, checkpoints and planner.safetensors."""
     preset: Preset = "cpu"
@@ -33,27 +33,27 @@ class TrainPlanner:
     seed: int = 0
     """Decides initial weights, batches and augmentation."""
     modes: int | None = None
-    """Alternative plans per image."""
+    """Alternative plans per image; the most probable one is followed. Default: 1."""
     encoder: Literal["small", "resnet18"] | None = None
     """Image encoder instead of the preset's."""
     channels: tuple[int, ...] | None = None
-    """Channels of the small encoder's convolutions instead of the preset's."""
+    """Channels of the small encoder's convolutions instead of the preset's (8 16 32 64)."""
     pool: Pool | None = None
     """How the encoder's feature map becomes numbers, instead of the preset's way."""
     latent_loss: Literal["l2", "kl"] | None = None
-    """Loss of the latent predictor: L2 on {mu, sigma} or KL divergence."""
+    """Loss of the latent predictor: L2 on {mu, sigma} or KL divergence. Default: l2."""
     c_pos: float | None = None
-    """Weight of the position error."""
+    """Weight of the position error. Default: 1."""
     c_rot: float | None = None
-    """Weight of the rotation error."""
+    """Weight of the rotation error. Default: 1."""
     kl_weight: float | None = None
-    """Weight of the VAE's KL divergence."""
+    """Weight of the VAE's KL divergence; the paper's is 1. Default: 0.003."""
     vae_steps: int | None = None
-    """Steps of stage 1, the trajectory VAE."""
+    """Steps of stage 1, the trajectory VAE. Default: cpu 2500, robomimic 10000."""
     predictor_steps: int | None = None
-    """Steps of stage 2, the latent predictor."""
+    """Steps of stage 2, the latent predictor. Default: cpu 3500, robomimic 60000."""
     finetune_steps: int | None = None
-    """Steps of stage 3, predictor and decoder on the trajectory loss; 0: none."""
+    """Steps of stage 3, predictor and decoder on the trajectory loss; 0: none. Default: cpu 1500, robomimic 10000."""
     keep: Literal["better", "predictor", "finetune"] = "better"
     """Which stage's network becomes the planner; better: on held-out demonstrations."""
     threads: int = 1

@@ -211,7 +211,7 @@ def split(demos: Demonstrations, seed: int) -> Split:
     held = max(1, round(VALID_SHARE * len(demos)))
     names = [demos.names[i] for i in order]
     return Split(
-        sorted(names[held:]), sorted(names[:held]), f"no masks: {held} demonstrations held out at random, seed {seed}"
+        sorted(names[held:]), sorted(names[:held]), f"at random with seed {seed}: no mask/train and mask/valid"
     )
 
 

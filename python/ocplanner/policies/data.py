@@ -124,10 +124,12 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
     """Read the named demonstrations whole into memory.
 
     Raises:
-        DatasetError: an observation is missing, not finite or of another size, or an action lies outside [-1, 1].
+        DatasetError: an observation is missing, not finite or of another size, an action lies outside [-1, 1], or
+            pictures were drawn for manipulation only.
     """
     if not names:
         raise DatasetError(f"{demos.path}: no demonstration to learn from; name a mask that is not empty")
+    _require_every_picture(demos, config.observation.cameras)
     chosen = [demos[name] for name in names]
     lengths = np.array([demo.length for demo in chosen])
     seen = config.observation
@@ -147,6 +149,15 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
         hint=None if hint is None else torch.from_numpy(hint),
         actions=torch.from_numpy(np.concatenate([_actions(demos, demo) for demo in chosen])),
     )
+
+
+def _require_every_picture(demos: Demonstrations, cameras: Sequence[str]) -> None:
+    rendered = demos.render_settings or {}
+    if rendered.get("frames") == "manipulation" and set(cameras) & set(rendered.get("cameras", ())):
+        raise DatasetError(
+            f"{demos.path} was rendered with --frames manipulation: its pictures are black before the grasp and after "
+            "the release, where a policy acts too; render the data set again with `ocplanner render --frames all`"
+        )
 
 
 def check_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: str = "--hint-horizons") -> None:

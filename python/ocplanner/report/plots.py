@@ -17,6 +17,8 @@ from ocplanner.report.runs import Run, run_labels
 from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
 
 _LINES = ("-", "--", "-.", ":")
+_NARROW = 5.0
+"""How many times the lowest loss the highest is, up to which the axis is linear."""
 _FAR = 4
 LOSSES = (("vae", "LSTM-VAE, validation loss"), ("predictor", "Latent predictor, validation loss"))
 ERRORS = (
@@ -55,7 +57,7 @@ def curve_panel(runs: Sequence[Run], stage: str, value: str, title: str) -> Figu
 
 
 def run_curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str) -> None:
-    """One line a run; losses above zero, or that rise far above it, on a logarithmic scale."""
+    """One line a run; losses that fall far, or that rise far above it, on a logarithmic scale."""
     drawn = False
     for i, (run, label) in enumerate(zip(runs, run_labels(runs))):
         steps, values = run.series(stage, value)
@@ -75,7 +77,7 @@ def run_curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: s
 def _value_axis(axes: Axes, loss: bool) -> None:
     drawn = np.concatenate([np.asarray(line.get_ydata()) for line in axes.lines])
     lowest, highest = float(drawn.min()), float(drawn.max())
-    if loss and lowest > 0:
+    if loss and highest > _NARROW * lowest > 0:  # a narrower logarithmic axis would have hardly a number
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda tick, _: f"{tick:g}" if f"{tick:.0e}"[0] in "25" else ""))
