@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from ocplanner.demos.collect import collect
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.frames import FrameRenderer, RenderSettings
+from ocplanner.demos.recorded_task import segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.errors import InvalidValueError, UnknownNameError
 
@@ -47,3 +49,19 @@ def test_real_recordings_show_the_nut_and_the_arms(square_ph):
     np.testing.assert_array_equal(np.flatnonzero(drawn), np.arange(segment.start, segment.stop, 20))
     overlap = (arrays["obs/agentview_silhouettes"][drawn, 0] & mask[drawn]).sum((1, 2)) / mask[drawn].sum((1, 2))
     assert overlap.min() > 0.1  # the other arm's hand is where the recorded one is
+
+
+def test_of_a_task_with_several_objects_the_frames_of_each_are_drawn(tmp_path):
+    collect(path := tmp_path / "demonstrations.hdf5", "ToolHang", episodes=1, noise=0.0)
+    renderer = FrameRenderer("ToolHang", "Panda", RenderSettings(observe="no-robot", frames="manipulation", size=16))
+    with Demonstrations(path) as demos:
+        demo = demos[0]
+        drawn = renderer.render(demo)["obs/agentview_image"].any((1, 2, 3))
+        kept = np.zeros(demo.length, bool)
+        for name in ("frame", "tool"):
+            rule = segment_rule("ToolHang", name)
+            segment = manipulation_segment(*demo.object_poses(name), demo.actions[:, -1], rule)
+            kept[segment.start : segment.stop] = True
+    renderer.close()
+    np.testing.assert_array_equal(drawn, kept)
+    assert np.diff(np.flatnonzero(kept)).max() > 1  # the hand is on its way between the two
