@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +124,7 @@ class PolicyResult:
                     "successes": checkpoint.successes,
                     "interval": list(checkpoint.interval),
                     "runs": [
-                        {key: value for key, value in asdict(run).items() if key != "released_by"}
+                        {key: value for key, value in run.to_json().items() if key != "released_by"}
                         for run in checkpoint.runs
                     ],
                 }
