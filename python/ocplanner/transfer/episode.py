@@ -9,7 +9,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.envs.kinematics import ArmJoints, Reach
+from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, InPlay, Reading
@@ -136,8 +136,7 @@ class _Program:
         self.objects = [spec for spec in env.task.objects if spec.name in planners]
         self.finished = False
         self.home = env.eef_pose()
-        joints = ArmJoints.of(env.robosuite_env.robots[0], env.model)
-        self.reach = Reach(env.model, env.data, joints)
+        self.reach = Reach(env.model, env.data, env.arms[0].joints)
 
     def attend(self, spec: ObjectSpec) -> None:
         """Put an object in play: from here on it is the one that is sensed, planned for and moved."""
