@@ -17,7 +17,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.envs.environment import ManipulationEnv, make_env
-from ocplanner.envs.kinematics import ArmJoints, Reach
+from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.robots import RobotSpec, robot
 from ocplanner.pose import Pose
 from ocplanner.storage import atomic_json
@@ -37,7 +37,7 @@ def carry(env: ManipulationEnv, arm: RobotSpec, seed: int) -> tuple[str, float]:
     env.reset(seed)
     law = _core.DeltaPoseLaw(gain_position=settings.gain, gain_rotation=settings.gain)
     body = Body(env, law, 10_000, holding=arm.holding)
-    reach = Reach(env.model, env.data, ArmJoints.of(env.robosuite_env.robots[0], env.model))
+    reach = Reach(env.model, env.data, env.arms[0].joints)
     taken = take_hold(body, env.task.object(), arm, settings.grasp, reach)
     if taken is None:
         return "not taken", 0.0

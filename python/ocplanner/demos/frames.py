@@ -103,8 +103,8 @@ class FrameRenderer:
             DatasetError: the states do not belong to this task and arm.
         """
         settings, states = self._settings, demo.states
-        positions = {spec.name: demo.object_poses(spec.name)[0] for spec in self._task.objects}
-        segments = self._segments(demo)
+        poses = {spec.name: demo.object_poses(spec.name) for spec in self._task.objects}
+        segments = self._segments(demo, poses)
         kept = [row for segment in segments for row in range(segment.start, segment.stop)]
         rows = sorted(set(kept)) if settings.frames == "manipulation" else range(demo.length)
         stride = settings.silhouette_stride
@@ -113,7 +113,7 @@ class FrameRenderer:
         for arm in self._arms:
             arm.start()
         for row in rows:
-            self._set_state(demo, row, states[row], {name: places[row] for name, places in positions.items()})
+            self._set_state(demo, row, states[row], {name: places[row] for name, (places, _) in poses.items()})
             self._draw(arrays, row)
             if row in outlined:
                 self._draw_silhouettes(arrays, row)
@@ -125,14 +125,14 @@ class FrameRenderer:
         for arm in self._arms:
             arm.close()
 
-    def _segments(self, demo: Demonstration) -> list[Segment]:
+    def _segments(self, demo: Demonstration, poses: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[Segment]:
         """Where each of the task's objects is manipulated."""
         if self._settings.frames == "all" and not self._arms:
             return []
         segments = []
         for spec in self._task.objects:
             rule = segment_rule(self._task.env_name, spec.name)
-            segments.append(manipulation_segment(*demo.object_poses(spec.name), demo.gripper_actions(spec.arms), rule))
+            segments.append(manipulation_segment(*poses[spec.name], demo.gripper_actions(spec.arms), rule))
         return segments
 
     def _allocate(self, length: int) -> dict[str, np.ndarray]:

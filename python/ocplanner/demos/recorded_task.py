@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from ocplanner.demos.layouts import TASK_OBJECTS
 from ocplanner.demos.segments import DEFAULT_RULE, SegmentRule
-from ocplanner.envs.tasks import tasks
+from ocplanner.envs.tasks import ObjectSpec, Task, task_of_env
+from ocplanner.errors import UnknownNameError
 
 
 class RecordedTask(NamedTuple):
@@ -23,10 +24,8 @@ def recorded_task(env_name: str) -> RecordedTask | None:
     layout = TASK_OBJECTS.get(env_name)
     if layout is not None:
         return RecordedTask(layout.task, layout.objects)
-    for task in tasks().values():
-        if task.env_name == env_name:
-            return RecordedTask(task.name, tuple(spec.name for spec in task.objects))
-    return None
+    task = _task(env_name)
+    return None if task is None else RecordedTask(task.name, tuple(spec.name for spec in task.objects))
 
 
 def segment_rule(env_name: str, object_name: str) -> SegmentRule:
@@ -35,17 +34,23 @@ def segment_rule(env_name: str, object_name: str) -> SegmentRule:
     Of an object that is led through each pose of a plan, the last kept pose is the one in which it is let go of: those
     after it, in which it falls, are not for a hand to lead it through.
     """
-    for task in tasks().values():
-        if task.env_name == env_name:
-            traced = any(spec.name == object_name and spec.placing == "trace" for spec in task.objects)
-            return replace(DEFAULT_RULE, after=0) if traced else DEFAULT_RULE
-    return DEFAULT_RULE
+    spec = _object(env_name, object_name)
+    return replace(DEFAULT_RULE, after=0) if spec is not None and spec.placing == "trace" else DEFAULT_RULE
 
 
 def carriers(env_name: str, object_name: str) -> tuple[int, ...]:
     """Numbers of the arms that carry an object, in order; the first arm where nothing here knows better."""
-    for task in tasks().values():
-        for spec in task.objects:
-            if (task.env_name, spec.name) == (env_name, object_name):
-                return spec.arms
-    return (0,)
+    spec = _object(env_name, object_name)
+    return (0,) if spec is None else spec.arms
+
+
+def _task(env_name: str) -> Task | None:
+    try:
+        return task_of_env(env_name)
+    except UnknownNameError:
+        return None
+
+
+def _object(env_name: str, object_name: str) -> ObjectSpec | None:
+    task = _task(env_name)
+    return None if task is None else next((spec for spec in task.objects if spec.name == object_name), None)
