@@ -44,6 +44,13 @@ def test_planner(planner_file, capsys):
     assert "0.1, 0.2, 0.9" in capsys.readouterr().out
 
 
+def test_a_run_folder_stands_for_its_planner(tmp_path, planner_file, capsys):
+    assert main(["info", str(tmp_path)]) == 2
+    assert "holds no planner.safetensors nor policy.safetensors" in capsys.readouterr().err
+    (tmp_path / "planner.safetensors").write_bytes(planner_file.read_bytes())
+    assert describe(tmp_path)["horizon"] == 20
+
+
 def test_long_entries_are_printed_whole_where_asked(tmp_path, capsys):
     config = {"training": {f"setting_{i}": [i] for i in range(40)}}
     metadata = {"ocplanner": json.dumps({"format": 1, "kind": "planner", "config": config})}

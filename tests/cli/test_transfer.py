@@ -30,7 +30,7 @@ def folder(tmp_path, monkeypatch):
         ("--matrix --robot Panda", "--robot does not go with --matrix"),
         ("--matrix --task Square", "--task does not go with --matrix"),
         ("--matrix --planners p.safetensors --robots Panda Nobody", "unknown robot 'Nobody'; known:"),
-        ("--matrix", "results/planners"),
+        ("--matrix", "name planner files with --planners"),
         ("--matrix --planners .  --planner-seed 3", "no planner (.safetensors) of training seed 3"),
     ],
 )

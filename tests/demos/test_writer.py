@@ -138,6 +138,15 @@ def test_finish_wants_what_it_names(tmp_path):
         assert writer.done == ("demo_0",)
 
 
+def test_without_a_demonstration_nothing_stays(tmp_path):
+    with DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS) as writer:
+        assert writer.parts.is_dir()
+    assert not writer.parts.exists()
+    with DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS) as writer:
+        writer.add("demo_0", _arrays())
+    assert writer.done == ("demo_0",)
+
+
 WRITER = """
 import sys
 import numpy as np

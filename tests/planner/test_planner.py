@@ -341,6 +341,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         Planner.load(tmp_path)
 
 
+def test_a_run_folder_stands_for_its_planner(tmp_path: Path) -> None:
+    write_random_planner(tmp_path / "planner.safetensors")
+    assert Planner.load(tmp_path).path == tmp_path / "planner.safetensors"
+
+
 def test_unknown_storage_is_named(tmp_path: Path) -> None:
     write_random_planner(tmp_path / "p.safetensors")
     with pytest.raises(UnknownNameError, match=r"f16.*bf16, f32"):

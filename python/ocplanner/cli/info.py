@@ -20,15 +20,18 @@ from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
 
+_TRAINED = ("planner.safetensors", "policy.safetensors")
+"""What a finished training leaves in its run folder."""
+
 Facts = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Info:
-    """Describe a data set, planner or policy file."""
+    """Describe a data set, planner or policy."""
 
     file: Annotated[Path, tyro.conf.Positional]
-    """robomimic HDF5 data set, or a .safetensors file made by ocplanner."""
+    """robomimic HDF5 data set, a .safetensors file made by ocplanner, or the run folder of a training."""
     json: bool = False
     """Print JSON instead of a table; nothing is left out."""
     all: bool = False
@@ -50,9 +53,14 @@ COMMAND = Info
 def describe(path: Path) -> Facts:
     """What a file holds, as JSON can hold it; nothing in the file is executed or unpickled.
 
+    Args:
+        path: a data set, a planner or policy file, or a run folder that holds one of those.
+
     Raises:
         OcplannerError: the file is missing, damaged or of another kind.
     """
+    if path.is_dir():
+        return describe_weights(_trained(path))
     try:
         with path.open("rb") as file:
             start = file.read(len(HDF5_MAGIC))
@@ -63,6 +71,13 @@ def describe(path: Path) -> Facts:
     if path.suffix == ".safetensors" or start[4:] == b"\x00\x00\x00\x00":  # a header length below 4 GiB
         return describe_weights(path)
     raise DatasetError(f"{path}: neither an HDF5 data set nor a .safetensors file (it begins with {start!r})")
+
+
+def _trained(folder: Path) -> Path:
+    for name in _TRAINED:
+        if (folder / name).exists():
+            return folder / name
+    raise PlannerFileError(f"{folder} holds no {' nor '.join(_TRAINED)}; give a file, or the run folder of a training")
 
 
 def describe_dataset(path: Path) -> Facts:

@@ -83,7 +83,7 @@ class Reproduce:
         elif self.figure is not None:
             self._figure(console, self.figure)
         else:
-            parts.get(str(self.part), self._tables)(console)
+            parts.get(str(self.part), self._only_tables)(console)
 
     def _planners(self, console: Console) -> None:
         wanted = [
@@ -156,6 +156,14 @@ class Reproduce:
             self.data, self.work, self.results, self.preset, self.seeds[0], workers=self.workers, device=self.device
         )
         console.print(f"drew {draw(number, work, self.images)}", soft_wrap=True)
+
+    def _only_tables(self, console: Console) -> None:
+        if not (self.results / "README.md").is_file():
+            raise InvalidValueError(
+                f"there is no {self.results / 'README.md'} with tables; run this in a clone of the repository, or name "
+                "another folder of results with --results"
+            )
+        self._tables(console)
 
     def _tables(self, console: Console) -> None:
         for table in TABLES.values():

@@ -31,7 +31,7 @@ class Transfer:
     """
 
     planner: tuple[Path, ...] = ()
-    """Planner file (.safetensors); for a task with several objects one for each of them."""
+    """Planner file (.safetensors) or the run folder of its training; for a task with several objects one for each."""
     robot: str | None = None
     """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7. Default: Sawyer."""
     task: str | None = None
@@ -123,6 +123,11 @@ class Transfer:
 
         self._refuse(planner=self.planner, robot=self.robot, task=self.task)
         robots = [robot_spec(name).name for name in self.robots or ROBOTS]
+        if not self.planners and not _PLANNERS.is_dir():
+            raise InvalidValueError(
+                f"there is no folder {_PLANNERS} here; name planner files with --planners, or run this in a clone of the "
+                "repository"
+            )
         planners = find_planners(self.planners or (_PLANNERS,), self.planner_seed)
         out, picture = self.out or _MATRIX, (self.out or _MATRIX).with_suffix(".png")
         console = Console()

@@ -64,8 +64,7 @@ class View:
 
         if self.source.suffix != ".json":
             seed = 10000 if self.seed is None else self.seed
-            file = self.source / "planner.safetensors" if self.source.is_dir() else self.source
-            return record_playback(TaskPlanners.of((file, *self.planner)), self.robot, seed, follow=self.follow)
+            return record_playback(TaskPlanners.of((self.source, *self.planner)), self.robot, seed, follow=self.follow)
         return self._again()
 
     def _again(self) -> "Playback":

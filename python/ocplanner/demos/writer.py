@@ -76,6 +76,7 @@ class DatasetWriter:
                     "overwrite=True)"
                 )
             self._open_parts(resume)
+            self._resources.callback(self._discard_nothing)
         except BaseException:
             self._resources.close()
             raise
@@ -222,6 +223,11 @@ class DatasetWriter:
         if self.parts.exists():
             self._discard_parts()
         atomic_json(header, self._attrs)
+
+    def _discard_nothing(self) -> None:
+        """Leave no folder without a demonstration behind."""
+        if self.parts.is_dir() and not self.done:
+            self._discard_parts()
 
     def _discard_parts(self) -> None:
         # Without its header the folder is void: a kill in the midst leaves nothing that could be resumed by mistake.

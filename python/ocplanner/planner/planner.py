@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from ocplanner import _core
 from ocplanner.errors import MismatchError, PlannerFileError
 
+FILE_NAME = "planner.safetensors"
+"""The planner in its run folder."""
+
 Images = Mapping[str, NDArray[np.uint8]]
 
 
@@ -53,7 +56,7 @@ class Planner:
         """Read a planner file.
 
         Args:
-            path: a ``.safetensors`` file written by ``ocplanner train-planner``.
+            path: a ``.safetensors`` file written by ``ocplanner train-planner``, or its finished run folder.
             storage: ``f32`` keeps the weights as in the file. ``bf16`` rounds those of layers of 1 MiB and more
                 (the late convolutions of ResNet18, large LSTMs), which saves memory traffic and moves a plan by
                 fractions of a millimetre; small planners stay as they are. The arithmetic is float32 either way.
@@ -62,11 +65,12 @@ class Planner:
             PlannerFileError: the file is missing, damaged, or not a planner.
         """
         path = Path(path)
+        path = path / FILE_NAME if path.is_dir() else path
         try:
             return cls(path, path.read_bytes(), storage)
         except OSError as error:
             raise PlannerFileError(
-                f"{path}: cannot be read: {error.strerror}; give the planner.safetensors of a run folder"
+                f"{path}: cannot be read: {error.strerror}; give the {FILE_NAME} of a run folder"
             ) from error
         except PlannerFileError as error:
             raise PlannerFileError(f"{path}: {error}") from None

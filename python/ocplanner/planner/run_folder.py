@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
 from ocplanner.errors import TrainingError
+from ocplanner.planner.planner import FILE_NAME
 from ocplanner.storage import atomic_write, writing
 
 _FREE = ("threads", "device")
@@ -31,7 +32,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.planner = path / "planner.safetensors"
+        self.planner = path / FILE_NAME
         with writing(path):
             (path / "checkpoints").mkdir(parents=True, exist_ok=True)
         self._board: SummaryWriter | None = None
