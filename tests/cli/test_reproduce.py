@@ -189,7 +189,8 @@ def ran(monkeypatch, tmp_path):
         made = Path(made or f"{options['--run']}/policy.safetensors")
         made.parent.mkdir(parents=True, exist_ok=True)
         content = {"best": 0.5, "last_five": 0.4, "episodes": 50, "checkpoints": [{"successes": 20}] * 5}
-        atomic_json(made, content)  # as the real ones: others read what is there while this writes
+        training = {"steps": 1000, "batch": 64}
+        atomic_json(made, {**content, "training": training})  # as the real ones: others read what is there meanwhile
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)

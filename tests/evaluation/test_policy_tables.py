@@ -9,8 +9,13 @@ from ocplanner.evaluation.summary import NOTHING, policy_table
 
 
 def evaluated(results, experiment, rates):
-    checkpoints = [{"successes": round(50 * rate)} for rate in rates]
-    content = {"best": max(rates), "last_five": sum(rates[-5:]) / 5, "episodes": 50, "checkpoints": checkpoints}
+    content = {
+        "best": max(rates),
+        "last_five": sum(rates[-5:]) / 5,
+        "episodes": 50,
+        "checkpoints": [{"successes": round(50 * rate)} for rate in rates],
+        "training": {"steps": 1000 * (1 + experiment.seed), "batch": 64},
+    }
     path = experiment.result(results)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content))
@@ -39,9 +44,9 @@ def test_a_row_for_each_cell_with_every_seed(tmp_path):
     low, high = second["last5_interval"]
     assert 45 < low < 50 < high < 55
     assert policy_table(TABLE1, tmp_path).splitlines()[2:] == [
-        "| BC-RNN (state) | none | **80.0** (80) | 5 | 80.0 | 74.6-84.5 | 1 | 84.0 ± 0.0 |",
-        "| BC (image) | k = 1, from the object | **65.0** ± 5.0 (60, 70) | 7 | 50.0 ± 0.0 | 45.6-54.4 | 2 | "
-        "69.3 ± 3.1 |",
+        "| BC-RNN (state) | none | 1,000 x 64 | **80.0** (80) | 5 | 80.0 | 74.6-84.5 | 1 | 84.0 ± 0.0 |",
+        "| BC (image) | k = 1, from the object | 1,000 x 64, 2,000 x 64 | **65.0** ± 5.0 (60, 70) | 7 | 50.0 ± 0.0 | "
+        "45.6-54.4 | 2 | 69.3 ± 3.1 |",
     ]
 
 

@@ -125,8 +125,8 @@ class Transfer:
         robots = [robot_spec(name).name for name in self.robots or ROBOTS]
         if not self.planners and not _PLANNERS.is_dir():
             raise InvalidValueError(
-                f"there is no folder {_PLANNERS} here; name planner files with --planners, or run this in a clone of the "
-                "repository"
+                f"there is no folder {_PLANNERS} here; name planner files with --planners, or run this in a clone of "
+                "the repository"
             )
         planners = find_planners(self.planners or (_PLANNERS,), self.planner_seed)
         out, picture = self.out or _MATRIX, (self.out or _MATRIX).with_suffix(".png")

@@ -96,6 +96,7 @@ class PolicyTable:
                 {"seed": experiment.seed, "best": highest, "last5": mean}
                 for experiment, highest, mean in zip(found, best, last, strict=True)
             ],
+            "budgets": sorted({_budget(evaluation["training"]) for evaluation in evaluations}),
             "checkpoints": [len(evaluation["checkpoints"]) for evaluation in evaluations],
             "episodes": evaluations[0]["episodes"],
             "best_mean": float(np.mean(best)),
@@ -143,10 +144,14 @@ def _order(item: tuple[Cell, Any]) -> tuple[bool, str, int]:
     return observations == "image", algorithm, ["", *VARIANTS].index(variant)
 
 
+def _budget(training: Mapping[str, Any]) -> str:
+    return f"{training['steps']:,} x {training['batch']}"
+
+
 def _evaluation(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        missing = {"best", "last_five", "episodes", "checkpoints"} - set(content)
+        missing = {"best", "last_five", "episodes", "checkpoints", "training"} - set(content)
     except (OSError, ValueError, TypeError) as error:
         raise ResultFileError(f"cannot read {path}: {error}; evaluate that policy again") from error
     if missing:

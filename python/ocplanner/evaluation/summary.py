@@ -140,7 +140,17 @@ def policy_table(table: PolicyTable, results: Path) -> str:
     rows = table.read(results)
     if not rows:
         return NOTHING
-    head = ("policy", "plan", "best checkpoint %", "of", "last five %", "95 % interval", "seeds", "published best %")
+    head = (
+        "policy",
+        "plan",
+        "steps x batch",
+        "best checkpoint %",
+        "of",
+        "last five %",
+        "95 % interval",
+        "seeds",
+        "published best %",
+    )
     return _markdown(head, map(_policy, rows))
 
 
@@ -151,6 +161,7 @@ def _policy(row: Mapping[str, Any]) -> list[str]:
     return [
         f"{row['algorithm'].upper()} ({row['observation']})",
         str(VARIANTS[row["kind"]]) if row["kind"] else "none",
+        ", ".join(row["budgets"]),
         f"**{row['best_mean']:.1f}**{best} ({', '.join(format(one['best'], '.0f') for one in row['seeds'])})",
         str(max(row["checkpoints"])),
         f"{row['last5_mean']:.1f}{last}",
