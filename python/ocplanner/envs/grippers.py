@@ -10,6 +10,7 @@ from ocplanner.envs.simulator import mujoco
 _LEVELS = 21
 _SUBSTEPS = 60
 _FARTHEST_M = 0.5
+_NUDGE_M = 1e-6
 
 
 class Gripper:
@@ -88,12 +89,27 @@ class Gripper:
         return np.sign(direction) * level
 
     def _gap(self, data: Any) -> float:
-        gaps = [
-            mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None)
-            for left in self.pads[0]
-            for right in self.pads[1]
-        ]
-        return max(0.0, float(min(gaps)))
+        return max(0.0, min(self._distance(data, left, right) for left in self.pads[0] for right in self.pads[1]))
+
+    def _distance(self, data: Any, left: int, right: int) -> float:
+        """Of two geoms, metres.
+
+        MuJoCo 3.7 says 0 of some boxes that are centimetres apart, and not if one of them is moved by a micrometre.
+        """
+
+        def distance() -> float:
+            return float(mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None))
+
+        found, position = distance(), data.geom_xpos[left].copy()
+        if found != 0.0:
+            return found
+        try:
+            for nudge in np.eye(3) * _NUDGE_M:
+                data.geom_xpos[left] = position + nudge
+                found = max(found, distance())
+        finally:
+            data.geom_xpos[left] = position
+        return found
 
     def _geoms(self, side: str, groups: tuple[str, ...], without: str | None = None) -> np.ndarray:
         """Ids of one side's geoms: those that robosuite names, else the colliding geoms of that side's bodies."""

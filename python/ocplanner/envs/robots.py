@@ -28,6 +28,8 @@ class RobotSpec:
         squeeze_steps: control steps that the fingers go on closing after they have met the object.
         spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
             metres; None: fully. A slow gripper has no time for more.
+        turn: angle about the approach from the line along which the fingers meet to the closing axis, radians: those of
+            a hand with three fingers may meet askew.
         middle: where the middle of what the fingers close on comes to lie in the end-effector site's frame, metres.
         patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
     """
@@ -41,15 +43,20 @@ class RobotSpec:
     squeeze_steps: int = 0
     spare_finger: str | None = None
     spread: float | None = None
+    turn: float = 0.0
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
 
     @property
     def rotation_grasp_site(self) -> np.ndarray:
         """(3, 3) rotation of the end-effector site in the grasp frame (whose x is the closing axis)."""
-        if self.closing_axis == "x":
-            return np.eye(3)
-        return np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        straight = np.eye(3)
+        if self.closing_axis == "y":
+            straight = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        if not self.turn:
+            return straight
+        cos, sin = np.cos(self.turn), np.sin(self.turn)
+        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ straight
 
 
 ROBOTS = {
@@ -68,7 +75,8 @@ ROBOTS = {
             squeeze_steps=36,
             spare_finger="pinky",
             spread=0.02,
-            middle=(0.0, 0.013, 0.005),
+            turn=0.18,
+            middle=(0.002, 0.016, 0.005),
         ),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),
     )
