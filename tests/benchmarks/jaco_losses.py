@@ -2,8 +2,8 @@
 
 ``python tests/benchmarks/jaco_losses.py``
 
-Episodes of Square, as in a transfer. For each time that the held nut was lost: the phase, and how hard the peg or anything
-else but the hand pushed it in the last steps before.
+Episodes of Square, as in a transfer. For each time that the held nut was lost: the phase, and how hard the peg or
+anything else but the hand pushed it in the last steps before.
 """
 
 import argparse
@@ -59,12 +59,15 @@ def main() -> None:
     env = stage.env
     root = env.model.body("SquareNut_main").id
     nut = env.model.body_rootid[env.model.geom_bodyid] == root
+    pushes: list[float] = []
+
+    def note() -> None:
+        pushes.append(push(env, nut))
+
     try:
         for seed in range(FIRST_SEED, FIRST_SEED + options.episodes):
-            pushes: list[float] = []
-            episode = run_episode(
-                env, planners.by_object, seed, scenario.settings, on_step=lambda: pushes.append(push(env, nut))
-            )
+            pushes.clear()
+            episode = run_episode(env, planners.by_object, seed, scenario.settings, on_step=note)
             ends[episode.failure or "success"] += 1
             phases = episode.trace.phases
             for step in range(1, len(phases)):

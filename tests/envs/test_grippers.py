@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ocplanner.envs import grippers
+from ocplanner.envs.simulator import mujoco
 
 
 def test_jacos_finger_meets_the_thumb_along_the_turned_line(shared_env):
@@ -23,14 +23,14 @@ def test_a_distance_that_mujoco_takes_for_zero_is_asked_for_again(shared_env, mo
     env.reset(0)
     gripper = env.arms[0].gripper
     opening, places = gripper.opening, env.data.geom_xpos.copy()
-    found = grippers.mujoco.mj_geomDistance
+    found = mujoco.mj_geomDistance
     (finger,) = gripper.pads[0]
 
     def distance(model, data, *pair):
         return 0.0 if np.array_equal(data.geom_xpos[finger], places[finger]) else found(model, data, *pair)
 
-    monkeypatch.setattr(grippers.mujoco, "mj_geomDistance", distance)
+    monkeypatch.setattr(mujoco, "mj_geomDistance", distance)
     assert gripper.opening == pytest.approx(opening, abs=1e-5)
     np.testing.assert_array_equal(env.data.geom_xpos, places)
-    monkeypatch.setattr(grippers.mujoco, "mj_geomDistance", lambda *_: 0.0)
+    monkeypatch.setattr(mujoco, "mj_geomDistance", lambda *_: 0.0)
     assert gripper.opening == 0.0
