@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.simulator import mujoco
 
 _LEVELS = 21
@@ -20,21 +21,22 @@ class Gripper:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
-        spare_finger: see :class:`ocplanner.envs.robots.RobotSpec`.
+        spec: what is particular about the arm.
     """
 
-    def __init__(self, robot: Any, model: Any, data: Any, spare_finger: str | None = None) -> None:
+    def __init__(self, robot: Any, model: Any, data: Any, spec: RobotSpec) -> None:
         arm = robot.arms[0]
         self._gripper = robot.gripper[arm]
         self._model = model
         self._data = data
+        self._doubts_zero = spec.doubts_zero
         self._qpos = np.array(robot._ref_gripper_joint_pos_indexes[arm])
         self._actuators = np.array(robot._ref_joint_gripper_actuator_indexes[arm])
         self._pinned_qpos = np.array(robot._ref_joint_pos_indexes)
         self._pinned_dofs = np.array(robot._ref_joint_vel_indexes)
         self.fingers = tuple(self._geoms(side, (f"{side}_finger", f"{side}_fingerpad")) for side in ("left", "right"))
         self._is_finger = [np.isin(np.arange(model.ngeom), side) for side in self.fingers]
-        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",), spare_finger) for side in ("left", "right"))
+        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",), spec.spare_finger) for side in ("left", "right"))
 
     @property
     def opening(self) -> float:
@@ -101,7 +103,7 @@ class Gripper:
             return float(mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None))
 
         found, position = distance(), data.geom_xpos[left].copy()
-        if found != 0.0:
+        if found != 0.0 or not self._doubts_zero:
             return found
         try:
             for nudge in np.eye(3) * _NUDGE_M:

@@ -28,6 +28,8 @@ class RobotSpec:
         squeeze_steps: control steps that the fingers go on closing after they have met the object.
         spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
             metres; None: fully. A slow gripper has no time for more.
+        doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo gives it now and then for fingers that are
+            apart; a hand that closes until the gap is small then stops too early.
         turn: angle about the approach from the line along which the fingers meet to the closing axis, radians: those of
             a hand with three fingers may meet askew.
         middle: where the middle of what the fingers close on comes to lie in the end-effector site's frame, metres.
@@ -43,6 +45,7 @@ class RobotSpec:
     squeeze_steps: int = 0
     spare_finger: str | None = None
     spread: float | None = None
+    doubts_zero: bool = False
     turn: float = 0.0
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
@@ -75,6 +78,7 @@ ROBOTS = {
             squeeze_steps=36,
             spare_finger="pinky",
             spread=0.02,
+            doubts_zero=True,
             turn=0.18,
             middle=(0.002, 0.016, 0.005),
         ),
