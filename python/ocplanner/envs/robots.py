@@ -25,7 +25,8 @@ class RobotSpec:
             press two against one and would push out what they hold.
         spare_finger: start of the names of a finger that does not meet the one opposite, so that an object is pinched
             between the others, whose gap is the opening.
-        squeeze_steps: control steps that the fingers go on closing after they have met the object.
+        squeeze_steps: control steps that the fingers go on closing after they have met the object, until they lie flat.
+        squeeze_round_steps: the same where the object is round, and there is no flat to lie on.
         spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
             metres; None: fully. A slow gripper has no time for more.
         doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo gives it now and then for fingers that are
@@ -43,6 +44,7 @@ class RobotSpec:
     inward: bool = False
     holding: float = 1.0
     squeeze_steps: int = 0
+    squeeze_round_steps: int = 0
     spare_finger: str | None = None
     spread: float | None = None
     doubts_zero: bool = False
@@ -76,6 +78,7 @@ ROBOTS = {
             lean=0.3,
             holding=0.0,
             squeeze_steps=36,
+            squeeze_round_steps=13,
             spare_finger="pinky",
             spread=0.02,
             doubts_zero=True,
