@@ -1,9 +1,10 @@
-"""How firmly Jaco's hand holds the cube, the can and the nut, by how long it squeezes.
+"""How firmly Jaco's hand holds the cube, the can and the nut, by how long it squeezes and how the hand is turned.
 
 ``python tests/benchmarks/jaco_hold.py``
 
 Each is taken as in a transfer, once, lifted by 12 cm, carried by 14 cm while it turns by 0.8 rad, and lowered by 6 cm.
 No horizon and no planner: what is measured is the hand. ``None`` steps: told to close all along, as other grippers are.
+A turn of 0 rad: the hand's closing axis, not the line along which the two fingers meet, lies across the object.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import shlex
 import sys
 from collections import Counter
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +58,7 @@ def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--squeeze", nargs="+", default=["None", "16", "36", "48"], help="control steps")
+    parser.add_argument("--turn", nargs="+", type=float, default=[0.0, robot("Jaco").turn], help="radians")
     parser.add_argument("--tasks", nargs="+", default=["Lift", "Can", "Square"])
     parser.add_argument("--episodes", type=int, default=10)
     parser.add_argument("--out", type=Path, default=Path("results/jaco_hold.json"))
@@ -63,14 +66,16 @@ def main() -> None:
     arm, rows = robot("Jaco"), []
     for task in options.tasks:
         with make_env(task, arm, cameras=()) as env:
-            for squeeze in options.squeeze:
+            for squeeze, turn in product(options.squeeze, options.turn):
                 steps = None if squeeze == "None" else int(squeeze)
-                hand = replace(arm, holding=1.0) if steps is None else replace(arm, squeeze_steps=steps)
+                hand = replace(arm, turn=turn)
+                hand = replace(hand, holding=1.0) if steps is None else replace(hand, squeeze_steps=steps)
                 ends = [carry(env, hand, FIRST_SEED + number) for number in range(options.episodes)]
                 wandered = [distance for end, distance in ends if end == "held"]
                 row = {
                     "task": task,
                     "squeeze_steps": steps,
+                    "turn_rad": turn,
                     "ends": dict(Counter(end for end, _ in ends)),
                     "median_drift_mm": round(1000 * float(np.median(wandered)), 1) if wandered else None,
                 }

@@ -6,6 +6,7 @@ import numpy as np
 
 from ocplanner.envs.grippers import Gripper
 from ocplanner.envs.kinematics import ArmJoints, site_pose
+from ocplanner.envs.robots import RobotSpec
 from ocplanner.pose import Pose
 
 
@@ -16,7 +17,7 @@ class RobotArm:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
-        spare_finger: see :class:`ocplanner.envs.robots.RobotSpec`.
+        spec: what is particular about it.
 
     Attributes:
         robot: robosuite's robot.
@@ -24,10 +25,10 @@ class RobotArm:
         gripper: its gripper.
     """
 
-    def __init__(self, robot: Any, model: Any, data: Any, spare_finger: str | None = None) -> None:
+    def __init__(self, robot: Any, model: Any, data: Any, spec: RobotSpec) -> None:
         self.robot = robot
         self.joints = ArmJoints.of(robot, model)
-        self.gripper = Gripper(robot, model, data, spare_finger)
+        self.gripper = Gripper(robot, model, data, spec)
         self._data = data
         self._base_site = model.site(f"{robot.robot_model.naming_prefix}{robot.arms[0]}_center").id
 

@@ -91,7 +91,7 @@ class ManipulationEnv:
 
     def _find_references(self) -> None:
         model = self.model
-        self.arms = tuple(RobotArm(robot, model, self.data, self.robot.spare_finger) for robot in self._env.robots)
+        self.arms = tuple(RobotArm(robot, model, self.data, self.robot) for robot in self._env.robots)
         self._objects = {}
         for spec in self.task.objects:
             joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, spec.joint)

@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.simulator import mujoco
 
 _LEVELS = 21
 _SUBSTEPS = 60
 _FARTHEST_M = 0.5
+_NUDGE_M = 1e-6
 
 
 class Gripper:
@@ -19,21 +21,22 @@ class Gripper:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
-        spare_finger: see :class:`ocplanner.envs.robots.RobotSpec`.
+        spec: what is particular about the arm.
     """
 
-    def __init__(self, robot: Any, model: Any, data: Any, spare_finger: str | None = None) -> None:
+    def __init__(self, robot: Any, model: Any, data: Any, spec: RobotSpec) -> None:
         arm = robot.arms[0]
         self._gripper = robot.gripper[arm]
         self._model = model
         self._data = data
+        self._doubts_zero = spec.doubts_zero
         self._qpos = np.array(robot._ref_gripper_joint_pos_indexes[arm])
         self._actuators = np.array(robot._ref_joint_gripper_actuator_indexes[arm])
         self._pinned_qpos = np.array(robot._ref_joint_pos_indexes)
         self._pinned_dofs = np.array(robot._ref_joint_vel_indexes)
         self.fingers = tuple(self._geoms(side, (f"{side}_finger", f"{side}_fingerpad")) for side in ("left", "right"))
         self._is_finger = [np.isin(np.arange(model.ngeom), side) for side in self.fingers]
-        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",), spare_finger) for side in ("left", "right"))
+        self.pads = tuple(self._geoms(side, (f"{side}_fingerpad",), spec.spare_finger) for side in ("left", "right"))
 
     @property
     def opening(self) -> float:
@@ -88,12 +91,27 @@ class Gripper:
         return np.sign(direction) * level
 
     def _gap(self, data: Any) -> float:
-        gaps = [
-            mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None)
-            for left in self.pads[0]
-            for right in self.pads[1]
-        ]
-        return max(0.0, float(min(gaps)))
+        return max(0.0, min(self._distance(data, left, right) for left in self.pads[0] for right in self.pads[1]))
+
+    def _distance(self, data: Any, left: int, right: int) -> float:
+        """Of two geoms, metres.
+
+        MuJoCo 3.7 says 0 of some boxes that are centimetres apart, and not if one of them is moved by a micrometre.
+        """
+
+        def distance() -> float:
+            return float(mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None))
+
+        found, position = distance(), data.geom_xpos[left].copy()
+        if found != 0.0 or not self._doubts_zero:
+            return found
+        try:
+            for nudge in np.eye(3) * _NUDGE_M:
+                data.geom_xpos[left] = position + nudge
+                found = max(found, distance())
+        finally:
+            data.geom_xpos[left] = position
+        return found
 
     def _geoms(self, side: str, groups: tuple[str, ...], without: str | None = None) -> np.ndarray:
         """Ids of one side's geoms: those that robosuite names, else the colliding geoms of that side's bodies."""

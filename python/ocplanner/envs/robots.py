@@ -25,9 +25,14 @@ class RobotSpec:
             press two against one and would push out what they hold.
         spare_finger: start of the names of a finger that does not meet the one opposite, so that an object is pinched
             between the others, whose gap is the opening.
-        squeeze_steps: control steps that the fingers go on closing after they have met the object.
+        squeeze_steps: control steps that the fingers go on closing after they have met the object, until they lie flat.
+        squeeze_round_steps: the same where the object is round, and there is no flat to lie on.
         spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
             metres; None: fully. A slow gripper has no time for more.
+        doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo gives it now and then for fingers that are
+            apart; a hand that closes until the gap is small then stops too early.
+        turn: angle about the approach from the line along which the fingers meet to the closing axis, radians: those of
+            a hand with three fingers may meet askew.
         middle: where the middle of what the fingers close on comes to lie in the end-effector site's frame, metres.
         patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
     """
@@ -39,17 +44,24 @@ class RobotSpec:
     inward: bool = False
     holding: float = 1.0
     squeeze_steps: int = 0
+    squeeze_round_steps: int = 0
     spare_finger: str | None = None
     spread: float | None = None
+    doubts_zero: bool = False
+    turn: float = 0.0
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
 
     @property
     def rotation_grasp_site(self) -> np.ndarray:
         """(3, 3) rotation of the end-effector site in the grasp frame (whose x is the closing axis)."""
-        if self.closing_axis == "x":
-            return np.eye(3)
-        return np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        straight = np.eye(3)
+        if self.closing_axis == "y":
+            straight = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        if not self.turn:
+            return straight
+        cos, sin = np.cos(self.turn), np.sin(self.turn)
+        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ straight
 
 
 ROBOTS = {
@@ -66,9 +78,12 @@ ROBOTS = {
             lean=0.3,
             holding=0.0,
             squeeze_steps=36,
+            squeeze_round_steps=13,
             spare_finger="pinky",
             spread=0.02,
-            middle=(0.0, 0.013, 0.005),
+            doubts_zero=True,
+            turn=0.18,
+            middle=(0.002, 0.016, 0.005),
         ),
         RobotSpec("XArm7", closing_axis="y", lean=0.3),
     )

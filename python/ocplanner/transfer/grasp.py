@@ -137,7 +137,8 @@ def close_around(
     hover = settings.hover if spec.hover is None else spec.hover
     _approach(body, grasp, settings.clearance + hover, 3 * settings.near, wide, settings)
     _approach(body, grasp, settings.clearance, settings.near, wide, settings)
-    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings)
+    squeeze = robot.squeeze_round_steps if spec.round else robot.squeeze_steps
+    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings, squeeze)
 
 
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
@@ -164,7 +165,7 @@ def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, 
             return
 
 
-def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: GraspSettings) -> None:
+def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: GraspSettings, squeeze: int) -> None:
     """Close until the fingers stop, or are so near each other that they have met the object, and squeeze.
 
     A stroke takes 12 steps for one gripper and 200 for another.
@@ -176,7 +177,7 @@ def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: Grasp
         opening = now.opening
         if still >= _STILL_STEPS or opening < met:
             break
-    for _ in range(robot.squeeze_steps):
+    for _ in range(squeeze):
         body.move_hand(hand, CLOSE)
 
 

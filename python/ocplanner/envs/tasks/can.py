@@ -13,6 +13,7 @@ TASK = Task(
             joint="Can_joint0",
             grasps=tuple(top_grasp(f"around-{eighth}", (0.0, 0.0, 0.02), eighth * pi / 4, 0.05) for eighth in range(8)),
             yaw_fold=0,
+            round=True,
         ),
     ),
 )

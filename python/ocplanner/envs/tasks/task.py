@@ -38,6 +38,7 @@ class ObjectSpec:
         grasps: the ways of holding it, the preferred one first.
         yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
             any yaw is, 1 that only one is.
+        round: whether it is round where the fingers take it.
         let_go: whether the goal wants it let go of; False: it stays in the hand.
         hover: height above the grasp, metres, from which the hand comes down on it, where walls stand round it; the
             grasp primitive's own if not given.
@@ -57,6 +58,7 @@ class ObjectSpec:
     joint: str
     grasps: tuple[GraspFrame, ...]
     yaw_fold: int = 1
+    round: bool = False
     let_go: bool = True
     hover: float | None = None
     arms: tuple[int, ...] = (0,)
