@@ -51,7 +51,8 @@ def test_the_sampler_is_bcqs():
     config = parsed("--algorithm", "bcq", "--sampler", "gmm").configuration()
     base = preset("cpu", "bcq")
     assert base.bcq is not None
-    assert config == replace(base, bcq=replace(base.bcq, sampler="gmm"))
+    assert config == replace(base, bcq=replace(base.bcq, sampler="gmm", rollout_proposals=10))
+    assert parsed("--algorithm", "bcq", "--sampler", "vae").configuration() == base
     with pytest.raises(InvalidValueError, match="--sampler is for --algorithm bcq alone"):
         parsed("--sampler", "gmm").configuration()
 

@@ -133,7 +133,7 @@ class TrainPolicy:
         seen, network, bcq = base.observation, base.network, base.bcq
         if self.sampler is not None:
             require(bcq is not None, "--sampler is for --algorithm bcq alone")
-            flags["bcq"] = bcq = replace(bcq or BCQConfig(), sampler=self.sampler)
+            flags["bcq"] = bcq = (bcq or BCQConfig()).proposing(self.sampler)
         if self.kl_weight is not None:
             vae = bcq is not None and bcq.sampler == "vae"
             require(vae, "--kl-weight is for --algorithm bcq with --sampler vae alone")

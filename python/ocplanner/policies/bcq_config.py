@@ -1,6 +1,6 @@
 """Settings that only batch-constrained Q-learning has."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ocplanner.settings import require, require_choice
@@ -31,6 +31,14 @@ class BCQConfig:
     kl_weight: float = 0.05
     sampler: Sampler = "vae"
     """gmm: the policy of BC, with its layers and mixture, as in robomimic's ``BCQ_GMM``."""
+
+    def proposing(self, sampler: Sampler) -> "BCQConfig":
+        """The same with this sampler. From a mixture a rollout's step chooses among as few actions as a target.
+
+        Among a hundred there is one of every mode, however improbable, and critics overvalue what they have not seen.
+        """
+        chosen = self.rollout_proposals if sampler == "vae" else self.proposals
+        return replace(self, sampler=sampler, rollout_proposals=chosen)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
