@@ -229,7 +229,7 @@ def test_table_2_labels_states_and_images_with_rewards(ran):
     ]  # fmt: skip
     assert all("masked" in options["--pictures"] for options in labels)
     verbs = [verb for verb, _ in ran]
-    assert (verbs.count("train-policy"), verbs.count("evaluate")) == (9, 9)
+    assert (verbs.count("train-policy"), verbs.count("evaluate")) == (11, 11)
     assert not any("--planner" in options for verb, options in ran if verb == "evaluate")
     rows = json.loads(Path("results/table2.json").read_text())["cells"]
     assert [(row["observation"], row["kind"]) for row in rows if row["published_best"] is not None] == [

@@ -42,8 +42,19 @@ def test_the_kl_weight_is_bcqs():
     base = preset("cpu", "bcq")
     assert base.bcq is not None
     assert config == replace(base, bcq=replace(base.bcq, kl_weight=0.005))
-    with pytest.raises(InvalidValueError, match="--kl-weight is for --algorithm bcq alone"):
-        parsed("--kl-weight", "0.005").configuration()
+    for flags in ([], ["--algorithm", "bcq", "--sampler", "gmm"]):
+        with pytest.raises(InvalidValueError, match="--kl-weight is for --algorithm bcq with --sampler vae alone"):
+            parsed(*flags, "--kl-weight", "0.005").configuration()
+
+
+def test_the_sampler_is_bcqs():
+    config = parsed("--algorithm", "bcq", "--sampler", "gmm").configuration()
+    base = preset("cpu", "bcq")
+    assert base.bcq is not None
+    assert config == replace(base, bcq=replace(base.bcq, sampler="gmm", rollout_proposals=10))
+    assert parsed("--algorithm", "bcq", "--sampler", "vae").configuration() == base
+    with pytest.raises(InvalidValueError, match="--sampler is for --algorithm bcq alone"):
+        parsed("--sampler", "gmm").configuration()
 
 
 def test_a_robomimic_configuration_decides_and_flags_override(tmp_path):

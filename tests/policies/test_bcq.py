@@ -71,13 +71,13 @@ def take_over(ours: BCQ, theirs) -> None:
     """robomimic's weights; ours has mean and log-variance in one layer."""
     vae = theirs.nets["action_sampler"]._vae.nets
     *hidden, mean, log_variance = linears(vae["encoder"])
-    pairs = list(zip(linears(ours.vae.encoder), hidden, strict=True))
-    pairs += zip([*linears(ours.vae.decoder), ours.vae.action], linears(vae["decoder"]), strict=True)
+    pairs = list(zip(linears(ours.sampler.encoder), hidden, strict=True))
+    pairs += zip([*linears(ours.sampler.decoder), ours.sampler.action], linears(vae["decoder"]), strict=True)
     for critic, other in zip(ours.critics.members, theirs.nets["critic"], strict=True):
         pairs += zip(linears(critic), linears(other), strict=True)
     with torch.no_grad():
         for name in ("weight", "bias"):
-            getattr(ours.vae.posterior, name).copy_(torch.cat([getattr(mean, name), getattr(log_variance, name)]))
+            getattr(ours.sampler.posterior, name).copy_(torch.cat([getattr(mean, name), getattr(log_variance, name)]))
             for own, other in pairs:
                 getattr(own, name).copy_(getattr(other, name))
 
@@ -110,15 +110,15 @@ def test_losses_targets_and_choices_are_robomimics(theirs, bcq, monkeypatch):
         torch_utils, "reparameterize", lambda mu, logvar: mu + (0.5 * logvar).clamp(-4, 15).exp() * noise[:, 0]
     )
     info, _ = theirs._train_action_sampler_on_batch(batch, 0, no_backprop=True)
-    reconstruction, kl = ours.vae(seen(batch["obs"]), batch["actions"], noise[:, 0])
-    torch.testing.assert_close(reconstruction, info["action_sampler/recons_loss"])
-    torch.testing.assert_close(kl, info["action_sampler/kl_loss"])
+    imitated = ours.sampler(seen(batch["obs"]), batch["actions"], noise[:, 0])
+    torch.testing.assert_close(imitated["vae_reconstruction"], info["action_sampler/recons_loss"])
+    torch.testing.assert_close(imitated["kl"], info["action_sampler/kl_loss"])
 
     prior = theirs.nets["action_sampler"]._vae.nets["prior"]
     monkeypatch.setattr(prior, "sample", lambda n, **_: noise[:, 1:].reshape(n, LATENT))
     info, _ = theirs._train_critic_on_batch(batch, None, 0, no_backprop=True)
     following = seen(batch["next_obs"])
-    values = ours.critics.values(following, ours.vae.propose(following, noise[:, 1:]))
+    values = ours.critics.values(following, ours.sampler.propose(following, noise[:, 1:]))
     targets = target_values(batch["rewards"][:, 0], batch["dones"][:, 0], values, ours.config)
     torch.testing.assert_close(targets, info["critic/q_targets"][:, 0])
     losses, _ = ours.critics(seen(batch["obs"]), batch["actions"], targets)
@@ -166,7 +166,7 @@ def test_training_steps_are_robomimics(theirs, bcq, monkeypatch):
         for a, b in zip(linears(own), linears(other), strict=True):
             torch.testing.assert_close(a.weight, b.weight, rtol=1e-4, atol=1e-6)
     decoder = linears(theirs.nets["action_sampler"]._vae.nets["decoder"])
-    for a, b in zip([*linears(ours.vae.decoder), ours.vae.action], decoder, strict=True):
+    for a, b in zip([*linears(ours.sampler.decoder), ours.sampler.action], decoder, strict=True):
         torch.testing.assert_close(a.weight, b.weight, rtol=1e-4, atol=1e-6)
 
 

@@ -33,10 +33,15 @@ def test_a_far_action_has_a_finite_likelihood_and_gradient():
     assert torch.isfinite(ours.means.grad).all()
 
 
-def test_samples_have_the_mixtures_moments():
-    one = mixture(1, modes=3, actions=2)
-    many = Mixture(*(part.expand(200_000, *part.shape[1:]) for part in (one.logits, one.means, one.stds)))
-    samples = many.sample(low_noise=False, generator=torch.Generator().manual_seed(3))
+@pytest.mark.parametrize("decided", [False, True])
+def test_samples_have_the_mixtures_moments(decided):
+    one, generator = mixture(1, modes=3, actions=2), torch.Generator().manual_seed(3)
+    if decided:
+        noise = torch.randn(1, 200_000, 3, generator=generator, dtype=torch.float64)
+        samples = one.at(noise, low_noise=False)[0]
+    else:
+        many = Mixture(*(part.expand(200_000, *part.shape[1:]) for part in (one.logits, one.means, one.stds)))
+        samples = many.sample(low_noise=False, generator=generator)
     weights = one.logits[0].softmax(-1)[:, None]
     mean = (weights * one.means[0]).sum(0)
     second = (weights * (one.means[0] ** 2 + one.stds[0] ** 2)).sum(0)
@@ -49,6 +54,10 @@ def test_low_noise_samples_lie_at_a_mode_and_repeat_with_the_seed():
     first, again = (ours.sample(True, torch.Generator().manual_seed(5)) for _ in range(2))
     assert torch.equal(first, again)
     distance = (first.unsqueeze(-2) - ours.means).abs().amax(-1).amin(-1)
+    assert 0 < distance.max() < 1e-3
+    one = mixture(4)
+    decided = one.at(torch.randn(4, 50, 8, generator=torch.Generator().manual_seed(5)).double(), low_noise=True)
+    distance = (decided.unsqueeze(-2) - one.means[:, None]).abs().amax(-1).amin(-1)
     assert 0 < distance.max() < 1e-3
 
 

@@ -74,7 +74,7 @@ def test_bcq_takes_of_its_proposals_the_one_that_its_first_critic_values_most(sa
     rows = torch.from_numpy(np.concatenate(list(observation.values()), axis=1).astype(np.float32))
     shown = Observation(rows, {}, None)
     noise = torch.randn(2, 8, 4, generator=torch.Generator().manual_seed(4))
-    proposals = actor.vae.propose(shown, noise)
+    proposals = actor.sampler.propose(shown, noise)
     values = actor.critics.values(shown, proposals)[0]
     for i in range(2):
         np.testing.assert_array_equal(action[i], proposals[i, values[i].argmax()].detach().numpy())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ocplanner.errors import InvalidValueError
-from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.bcq_config import BCQConfig, Sampler
 from ocplanner.policies.config import (
     Algorithm,
     HintConfig,
@@ -70,7 +70,9 @@ class TrainPolicy:
     batch: int | None = None
     """Samples or sequences a step instead of the preset's, over all processes together."""
     learning_rate: float | None = None
-    """Instead of the preset's; of bcq its action VAE's."""
+    """Instead of the preset's; of bcq its sampler's."""
+    sampler: Sampler | None = None
+    """What proposes actions to bcq's critics. vae (the default), or gmm: a mixture as bc has it."""
     kl_weight: float | None = None
     """Of bcq's action VAE instead of the preset's: the smaller, the more its proposals differ."""
     ema: float | None = None
@@ -129,8 +131,12 @@ class TrainPolicy:
         if self.mask is not None:
             flags["mask"] = None if self.mask == "all" else self.mask
         seen, network, bcq = base.observation, base.network, base.bcq
+        if self.sampler is not None:
+            require(bcq is not None, "--sampler is for --algorithm bcq alone")
+            flags["bcq"] = bcq = (bcq or BCQConfig()).proposing(self.sampler)
         if self.kl_weight is not None:
-            require(bcq is not None, "--kl-weight is for --algorithm bcq alone")
+            vae = bcq is not None and bcq.sampler == "vae"
+            require(vae, "--kl-weight is for --algorithm bcq with --sampler vae alone")
             flags["bcq"] = replace(bcq or BCQConfig(), kl_weight=self.kl_weight)
         return replace(
             base,

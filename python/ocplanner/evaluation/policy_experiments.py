@@ -103,6 +103,8 @@ PLANNER = PlannerExperiment()
 """Makes the hints and rewards: the one that transfers use."""
 
 _CAMERAS = ("agentview", "robot0_eye_in_hand")
+_ALGORITHM_FLAGS = {"bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000", "--save-every", "2000"]}
+"""Of those that are no algorithm's name; a mixture has learned the recorded actions after as many steps as BC."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class PolicyExperiment:
     """One policy to train on ``mask/train`` of Square PH with the ``cpu`` preset, and to evaluate.
 
     Attributes:
-        algorithm: ``bc``, ``bc-rnn`` or ``bcq``.
+        algorithm: ``bc``, ``bc-rnn``, ``bcq``, or ``bcq-gmm``: BCQ with a mixture in the VAE's place.
         observations: ``state`` or ``image``.
         variant: one of :data:`VARIANTS`, or "" for the recorded data alone.
         seed: of the training.
@@ -125,6 +127,13 @@ class PolicyExperiment:
     def name(self) -> str:
         """The run folder's name and the result file's stem."""
         return "_".join((self.algorithm, self.observations, self.variant or "original", str(self.seed)))
+
+    @property
+    def training_flags(self) -> list[str]:
+        """Of ``ocplanner train-policy``."""
+        algorithm = _ALGORITHM_FLAGS.get(self.algorithm, ["--algorithm", self.algorithm])
+        added = [] if self.kind is None else self.kind.training_flags
+        return [*algorithm, "--observations", self.observations, "--seed", str(self.seed), *added]
 
     @property
     def kind(self) -> HintKind | RewardKind | None:
@@ -145,10 +154,12 @@ def table1_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
 
 
 def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
-    """Every cell of Table 2 for every seed; the bounded reward; and the sign that the paper prints, from states."""
-    cells = [("state", ""), *(("image", reward) for reward in ("", "only-exp", "augment-exp", "only", "augment"))]
-    cells += [("state", "only-exp"), ("state", "only"), ("state", "only-literal")]
-    return tuple(PolicyExperiment("bcq", *cell, seed) for seed in seeds for cell in cells)
+    """Every cell of Table 2 for every seed; the bounded reward; from states also the printed sign, and a mixture."""
+    cells = [("bcq", "state", "")]
+    cells += [("bcq", "image", reward) for reward in ("", "only-exp", "augment-exp", "only", "augment")]
+    cells += [("bcq", "state", reward) for reward in ("only-exp", "only", "only-literal")]
+    cells += [("bcq-gmm", "state", reward) for reward in ("", "only-exp")]
+    return tuple(PolicyExperiment(*cell, seed) for seed in seeds for cell in cells)
 
 
 def data(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
@@ -194,10 +205,8 @@ def train_and_evaluate(
     run, log = work / experiment.name, work / "logs" / f"{experiment.name}.log"
     kind = experiment.kind
     if not (run / "policy.safetensors").exists():
-        flags = ["--algorithm", experiment.algorithm, "--observations", experiment.observations]
-        flags += ["--seed", str(experiment.seed), *(() if kind is None else kind.training_flags)]
         where = ["--data", str(data(experiment, source, work)), "--run", str(run)]
-        reproduction.run_command(["train-policy", *where, *flags], log)
+        reproduction.run_command(["train-policy", *where, *experiment.training_flags], log)
     flags = ["--episodes", str(episodes), "--out", str(out)]
     if experiment.observations == "image":
         flags += ["--last", "5"]

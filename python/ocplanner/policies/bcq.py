@@ -1,61 +1,17 @@
 """Batch-constrained Q-learning (Fujimoto et al. 2019) as robomimic has it, without the perturbation of actions.
 
-An action VAE, conditioned on the observation, proposes actions like the recorded ones; critics choose among them.
+A sampler, conditioned on the observation, proposes actions like the recorded ones; critics choose among them.
 """
 
-import itertools
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from ocplanner.policies.action_samplers import layers, make_sampler
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.observation import Observation, ObservationEncoder
-
-
-class ActionVAE(nn.Module):
-    """A conditional VAE of actions with the prior N(0, 1); a tanh keeps its actions in (-1, 1).
-
-    As in robomimic, encoder and decoder have observation encoders of their own.
-    """
-
-    def __init__(self, config: PolicyTraining, bcq: BCQConfig, low_dim: int, actions: int) -> None:
-        super().__init__()
-        self.encoder_seen = ObservationEncoder(config.observation, low_dim)
-        self.encoder = _layers(actions + self.encoder_seen.features, bcq.vae_hidden)
-        # Mean and log-variance in one product.
-        self.posterior = nn.Linear(bcq.vae_hidden[-1], 2 * bcq.latent)
-        self.decoder_seen = ObservationEncoder(config.observation, low_dim)
-        self.decoder = _layers(bcq.latent + self.decoder_seen.features, bcq.vae_hidden)
-        self.action = nn.Linear(bcq.vae_hidden[-1], actions)
-
-    def forward(self, observation: Observation, actions: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean squared error of reconstructed actions, and the KL divergence from the prior, summed over the latent.
-
-        Args:
-            observation: of B steps.
-            actions: (B, A) recorded.
-            noise: (B, L) standard normal, decides where in the posterior is looked.
-        """
-        encoded = self.encoder(torch.cat([actions, self.encoder_seen(observation)], dim=-1))
-        mean, log_variance = self.posterior(encoded).chunk(2, dim=-1)
-        latent = mean + (0.5 * log_variance).clamp(-4, 15).exp() * noise
-        reconstructed = self._decode(self.decoder_seen(observation), latent)
-        kl = -0.5 * (1 + log_variance - mean.square() - log_variance.exp()).sum(dim=-1).mean()
-        return nn.functional.mse_loss(reconstructed, actions), kl
-
-    def propose(self, observation: Observation, noise: Tensor) -> Tensor:
-        """(B, n, A) actions of B observations from (B, n, L) latents, standard normal ones for samples of the prior."""
-        features = self.decoder_seen(observation)
-        return self._decode(features.unsqueeze(1).expand(-1, noise.shape[1], -1), noise)
-
-    def _decode(self, features: Tensor, latent: Tensor) -> Tensor:
-        return self.action(self.decoder(torch.cat([latent, features], dim=-1))).tanh()
-
-    def __call__(self, *args: Any, **kwargs: Any) -> tuple[Tensor, Tensor]:
-        """See :meth:`forward`."""
-        return super().__call__(*args, **kwargs)
 
 
 class Critic(nn.Module):
@@ -64,7 +20,7 @@ class Critic(nn.Module):
     def __init__(self, config: PolicyTraining, bcq: BCQConfig, low_dim: int, actions: int) -> None:
         super().__init__()
         self.seen = ObservationEncoder(config.observation, low_dim)
-        self.layers = _layers(self.seen.features + actions, bcq.critic_hidden)
+        self.layers = layers(self.seen.features + actions, bcq.critic_hidden)
         self.value = nn.Linear(bcq.critic_hidden[-1], 1)
 
     def forward(self, observation: Observation, actions: Tensor) -> Tensor:
@@ -97,18 +53,18 @@ class Critics(nn.Module):
 
 
 class BCQ(nn.Module):
-    """What acts: an action VAE and critics."""
+    """What acts: a sampler of actions and critics."""
 
     def __init__(self, config: PolicyTraining, low_dim: int, actions: int) -> None:
         super().__init__()
         self.config = config.bcq or BCQConfig()
-        self.vae = ActionVAE(config, self.config, low_dim, actions)
+        self.sampler = make_sampler(config, self.config, low_dim, actions)
         self.critics = Critics(config, self.config, low_dim, actions)
 
     def act(self, observation: Observation, memory: None, generator: torch.Generator) -> tuple[Tensor, None]:
-        """(B, A): of the VAE's proposals the one that the first critic values most, as robomimic acts; no memory."""
-        shape = (len(observation.low_dim), self.config.rollout_proposals, self.config.latent)
-        proposals = self.vae.propose(observation, torch.randn(shape, generator=generator))
+        """(B, A): of the sampler's proposals the one that the first critic values most, as in robomimic; no memory."""
+        shape = (len(observation.low_dim), self.config.rollout_proposals, self.sampler.noise)
+        proposals = self.sampler.propose(observation, torch.randn(shape, generator=generator))
         best = self.critics.members[0](observation, proposals).argmax(dim=1)
         return proposals[torch.arange(len(best)), best], memory
 
@@ -124,9 +80,3 @@ def target_values(rewards: Tensor, dones: Tensor, values: Tensor, config: BCQCon
     """
     mixed = config.pessimism * values.amin(dim=0) + (1 - config.pessimism) * values.amax(dim=0)
     return rewards + (1 - dones) * config.discount * mixed.amax(dim=-1)
-
-
-def _layers(inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:
-    """Linear layers with a ReLU after each."""
-    pairs = itertools.pairwise((inputs, *hidden))
-    return nn.Sequential(*(layer for i, o in pairs for layer in (nn.Linear(i, o), nn.ReLU())))

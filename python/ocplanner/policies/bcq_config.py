@@ -1,17 +1,20 @@
 """Settings that only batch-constrained Q-learning has."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from ocplanner.settings import require
+from ocplanner.settings import require, require_choice
+
+Sampler = Literal["vae", "gmm"]
 
 
 @dataclass(frozen=True)
 class BCQConfig:
-    """An action VAE that proposes actions, and critics that choose among them. Defaults: robomimic's from states."""
+    """A sampler that proposes actions, and critics that choose among them. Defaults: robomimic's from states."""
 
     critic_hidden: tuple[int, ...] = (300, 400)
     critic_learning_rate: float = 1e-4
-    """Before any schedule; the action VAE learns at the training's own ``learning_rate``."""
+    """Before any schedule; the sampler learns at the training's own ``learning_rate``."""
     critics: int = 2
     pessimism: float = 0.75
     """Weight of the critics' least value in the target; their greatest has the rest."""
@@ -26,9 +29,20 @@ class BCQConfig:
     """Widths of the VAE's encoder, and of its decoder."""
     latent: int = 14
     kl_weight: float = 0.05
+    sampler: Sampler = "vae"
+    """gmm: the policy of BC, with its layers and mixture, as in robomimic's ``BCQ_GMM``."""
+
+    def proposing(self, sampler: Sampler) -> "BCQConfig":
+        """The same with this sampler. From a mixture a rollout's step chooses among as few actions as a target.
+
+        Among a hundred there is one of every mode, however improbable, and critics overvalue what they have not seen.
+        """
+        chosen = self.rollout_proposals if sampler == "vae" else self.proposals
+        return replace(self, sampler=sampler, rollout_proposals=chosen)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        require_choice("sampler", self.sampler, Sampler)
         counts = (*self.critic_hidden, *self.vae_hidden, self.critics, self.proposals, self.rollout_proposals)
         require(min(*counts, self.latent) >= 1, "layer widths, critics, proposals and latent must be at least 1")
         require(self.critic_learning_rate > 0, f"critic learning rate {self.critic_learning_rate} must be positive")

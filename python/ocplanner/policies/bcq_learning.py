@@ -1,4 +1,4 @@
-"""Batch-constrained Q-learning: the losses of action VAE and critics, an optimiser for each, and target critics."""
+"""Batch-constrained Q-learning: the losses of sampler and critics, an optimiser for each, and target critics."""
 
 import copy
 from collections.abc import Iterator, Mapping
@@ -20,20 +20,21 @@ from ocplanner.policies.transitions import TransitionBatch
 class BatchConstrainedQ:
     """BCQ in training; see :class:`ocplanner.policies.learner.Learner`.
 
-    A step is robomimic's: first the VAE learns, then its proposals for the next states, valued by the target critics,
-    make the critics' targets, then the target critics follow. One thing differs: the targets follow the statistics of
-    batch normalisation too, which robomimic's keep from before the training; only networks with pictures have any.
+    A step is robomimic's: first the sampler learns, then its proposals for the next states, valued by the target
+    critics, make the critics' targets, then the target critics follow. One thing differs: the targets follow the
+    statistics of batch normalisation too, which robomimic's keep from before the training; only networks with pictures
+    have any.
     """
 
     def __init__(self, fabric: Fabric, config: PolicyTraining, network: BCQ) -> None:
         self.fabric, self.config, self.network = fabric, config, network
         self._bcq = network.config
         self._targets = copy.deepcopy(network.critics).requires_grad_(False).eval()
-        self._vae, self._critics = fabric.setup_module(network.vae), fabric.setup_module(network.critics)
-        self._vae_update = Optimisation(network.vae, config, partial(rate, config), config.clip)
+        self._sampler, self._critics = fabric.setup_module(network.sampler), fabric.setup_module(network.critics)
+        self._sampler_update = Optimisation(network.sampler, config, partial(rate, config), config.clip)
         critic_rate = partial(rate, config, base=self._bcq.critic_learning_rate)
         self._critic_update = Optimisation(network.critics, config, critic_rate, config.clip)
-        self._parts = {"vae": self._vae_update, "critics": self._critic_update}
+        self._parts = {"sampler": self._sampler_update, "critics": self._critic_update}
 
     def step(self, samples: Samples, rows: np.ndarray, step: int) -> dict[str, Tensor]:
         """One update of everything."""
@@ -43,15 +44,14 @@ class BatchConstrainedQ:
         # Drawn for the whole batch, so that the number of processes does not change it.
         noise = self._noise(len(rows), (2, step))[share]
         self.network.train()
-        reconstruction, kl = self._vae(batch.observation, batch.actions, noise[:, 0])
-        vae_loss = reconstruction + self._bcq.kl_weight * kl
-        self._vae_update.step(vae_loss, step, fabric.backward)
-        self.network.vae.eval()
+        imitated = self._sampler(batch.observation, batch.actions, noise[:, 0])
+        self._sampler_update.step(imitated["loss"], step, fabric.backward)
+        self.network.sampler.eval()
         targets = self._target(batch, noise[:, 1:])
         losses, values = self._critics(batch.observation, batch.actions, targets)
         self._critic_update.step(losses.sum(), step, fabric.backward)
         self._follow()
-        return _seen(vae_loss, reconstruction, kl, losses, values)
+        return _seen(imitated, losses, values)
 
     def held_out(self, samples: Samples) -> dict[str, float]:
         """The same numbers, with noise that every call repeats."""
@@ -62,11 +62,10 @@ class BatchConstrainedQ:
                 rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
                 batch = samples.transition_batch(rows, self.config, self.fabric.device, None)
                 noise = self._noise(len(rows), (3, start))
-                reconstruction, kl = self.network.vae(batch.observation, batch.actions, noise[:, 0])
+                imitated = self.network.sampler(batch.observation, batch.actions, noise[:, 0])
                 targets = self._target(batch, noise[:, 1:])
                 losses, values = self.network.critics(batch.observation, batch.actions, targets)
-                vae_loss = reconstruction + self._bcq.kl_weight * kl
-                for name, value in _seen(vae_loss, reconstruction, kl, losses, values).items():
+                for name, value in _seen(imitated, losses, values).items():
                     totals[name] = totals.get(name, 0.0) + float(value) * len(rows)
         return {name: total / len(samples) for name, total in totals.items()}
 
@@ -93,7 +92,7 @@ class BatchConstrainedQ:
 
     @torch.no_grad()
     def _target(self, batch: TransitionBatch, noise: Tensor) -> Tensor:
-        proposals = self.network.vae.propose(batch.next_observation, noise)
+        proposals = self.network.sampler.propose(batch.next_observation, noise)
         values = self._targets.values(batch.next_observation, proposals)
         return target_values(batch.rewards, batch.dones, values, self._bcq)
 
@@ -107,18 +106,17 @@ class BatchConstrainedQ:
                 target.copy_(source[name])
 
     def _noise(self, count: int, seed: tuple[int, ...]) -> Tensor:
-        """(count, 1 + n, L): one for the posterior, n for proposals."""
+        """(count, 1 + n, L): one for the sampler's loss, n for proposals."""
         rng = np.random.default_rng([self.config.seed, *seed])
-        shape = (count, 1 + self._bcq.proposals, self._bcq.latent)
+        shape = (count, 1 + self._bcq.proposals, self.network.sampler.noise)
         return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(self.fabric.device)
 
 
-def _seen(vae_loss: Tensor, reconstruction: Tensor, kl: Tensor, losses: Tensor, values: Tensor) -> dict[str, Tensor]:
+def _seen(imitated: dict[str, Tensor], losses: Tensor, values: Tensor) -> dict[str, Tensor]:
     """What is reported; ``loss`` is the sum that robomimic reports."""
     return {
-        "loss": (vae_loss + losses.sum()).detach(),
-        "vae_reconstruction": reconstruction.detach(),
-        "kl": kl.detach(),
+        "loss": (imitated["loss"] + losses.sum()).detach(),
+        **{name: value.detach() for name, value in imitated.items() if name != "loss"},
         "critic_loss": losses.mean().detach(),
         "mean_q": values.mean().detach(),
     }

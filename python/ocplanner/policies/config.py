@@ -123,14 +123,14 @@ class PolicyTraining:
     preset: Preset = "cpu"
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    """BC and BC-RNN."""
+    """BC and BC-RNN, and BCQ where a mixture proposes."""
     bcq: BCQConfig | None = None
     """BCQ: its networks and targets; None for the others."""
     steps: int = 200_000
     batch: int = 100
     """Samples (BC, BCQ) or sequences (BC-RNN) a step, over all processes together."""
     learning_rate: float = 1e-4
-    """Before any schedule; of BCQ its action VAE's."""
+    """Before any schedule; of BCQ its sampler's."""
     weight_decay: float = 0.0
     schedule: Schedule = "constant"
     warmup: int = 0

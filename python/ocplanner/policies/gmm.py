@@ -46,6 +46,19 @@ class Mixture:
         noise = torch.randn(mean.shape, generator=generator, device=mean.device, dtype=mean.dtype)
         return mean + noise * (LOW_NOISE_STD if low_noise else self.stds.gather(-2, index).squeeze(-2))
 
+    def at(self, noise: Tensor, low_noise: bool) -> Tensor:
+        """(B, n, A): n actions of each of B mixtures, as :meth:`sample` draws them, but decided by the noise.
+
+        Args:
+            noise: (B, n, 1 + A) standard normal numbers: the mode's, then the action's around its mean.
+            low_noise: as in :meth:`sample`.
+        """
+        share = torch.special.ndtr(noise[..., :1])
+        mode = (share > self.logits.softmax(dim=-1).cumsum(dim=-1)[:, None, :-1]).sum(dim=-1)  # (B, n)
+        index = mode[..., None].expand(*mode.shape, self.means.shape[-1])
+        around = noise[..., 1:] * (LOW_NOISE_STD if low_noise else self.stds.gather(1, index))
+        return self.means.gather(1, index) + around
+
 
 class GmmHead(nn.Module):
     """One linear layer from features (..., F) to a mixture over A-dimensional actions."""

@@ -41,7 +41,9 @@ def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = 
     if hint:
         origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
         spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}{_use(hint)}"
-    return PolicyKind(str(training.get("algorithm", "unknown")).upper(), "image" if cameras else "state", spoken)
+    mixture = (training.get("bcq") or {}).get("sampler") == "gmm"
+    algorithm = str(training.get("algorithm", "unknown")).upper() + ("-GMM" if mixture else "")
+    return PolicyKind(algorithm, "image" if cameras else "state", spoken)
 
 
 def _use(hint: Mapping[str, Any]) -> str:
