@@ -103,8 +103,10 @@ def test_again_trains_all(commands):
     assert list(rows()) == NAMES
 
 
-def test_the_tables_follow_each_transfer(commands, monkeypatch):
-    Path("results").mkdir()
+def test_the_tables_follow_each_transfer(commands, monkeypatch, capsys):
+    trained = Path("results/planners/square_masked_h20_pose_0.safetensors")
+    trained.parent.mkdir(parents=True)
+    trained.touch()
     for path in (Path("README.md"), Path("results/README.md")):
         path.write_text("<!-- TABLE -->\n<!-- end TABLE -->\n<!-- MASKERROR -->\n<!-- end MASKERROR -->\n")
     ran, instant = reproduction.run_command, []
@@ -121,6 +123,7 @@ def test_the_tables_follow_each_transfer(commands, monkeypatch):
     assert instant == [0, 1, 2]
     monkeypatch.setattr(reproduction, "run_command", ran)
     assert main(zero_shot) == 0
+    assert "left out transfer/square_sawyer_gated_full_0: there is no" in capsys.readouterr().out
     for path in (Path("README.md"), Path("results/README.md")):
         assert "| gated | masked | 1/7 | 1/7 | 1/7 |" in path.read_text()
         assert "| Sawyer | gated | 1/7 | 1/7 | 1/7 | 1/7 |" in path.read_text()

@@ -103,6 +103,13 @@ class Reproduce:
 
     def _zero_shot(self, console: Console) -> None:
         for experiment in experiments.transfer_experiments(self.seeds):
+            planner = experiment.planner.file(self.results)
+            if not planner.exists():
+                console.print(
+                    f"left out {experiment.name}: there is no {planner}, which `ocplanner reproduce planners` makes",
+                    soft_wrap=True,
+                )
+                continue
             name = reproduction.transfer(experiment, self.work, self.results, self.episodes, self.workers)
             write_tables(self.results)
             console.print(f"done {name}")
