@@ -16,7 +16,7 @@ from ocplanner.transfer.body import Foresight, Reading, raised
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between, equivalents, mean_rotation, nearest_equivalent
 
-Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep"]
+Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep", "hand over"]
 
 # Places tried after wedging, in units of the search radius: the estimate itself, then a ring around it.
 _SEARCH = np.array(
@@ -31,7 +31,10 @@ _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
 class Command(NamedTuple):
-    """Where the object should go now, and why; ``release``: let go; ``keep``: it is there and stays in the hand."""
+    """Where the object should go now, and why.
+
+    ``release``: let go; ``keep``: it is there and stays in the hand; ``hand over``: it is there for another hand.
+    """
 
     target: Pose
     phase: Phase
@@ -48,6 +51,8 @@ class Follower:
         let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         placing: how it gets there, see the same.
         tolerance: how exactly, metres and radians; the settings' numbers if not given.
+        descent: how fast it is let down, see the same; the settings' number if not given.
+        hands_over: whether the plan ends where another hand takes the object.
     """
 
     def __init__(
@@ -60,6 +65,8 @@ class Follower:
         let_go: bool = True,
         placing: Placing = "drop",
         tolerance: tuple[float, float] | None = None,
+        descent: float | None = None,
+        hands_over: bool = False,
     ) -> None:
         self.settings = settings
         self._lets_go = let_go
@@ -67,6 +74,9 @@ class Follower:
         self._rule = settings.following
         if tolerance is not None:
             self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1])
+        if descent is not None:
+            self._rule = replace(self._rule, lower_step=descent)
+        self._hands_over = hands_over
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
@@ -128,7 +138,10 @@ class Follower:
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
         target = self._target(here, moved)
-        if not self._lets_go:
+        if self._hands_over:
+            if self.has_arrived(here, moved):
+                return Command(here, "hand over")
+        elif not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
         elif self.may_release(here, moved):
@@ -163,7 +176,8 @@ class Follower:
             return False
         farthest = max(float(np.linalg.norm(end.position - here.position)) for end in self._last_ends)
         if self._placing != "trace":
-            return farthest < self._rule.release and moved < self._rule.resting
+            near = self._rule.meeting if self._hands_over else self._rule.release
+            return farthest < near and moved < self._rule.resting
         widest = max(angle_between(end.rotation, here.rotation) for end in self._last_ends)
         slack = 4.0 if self._still > self._rule.patience else 2.0
         near = farthest < slack * self._rule.aligned and widest < slack * self._rule.aligned_rotation

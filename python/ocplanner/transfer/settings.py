@@ -87,6 +87,8 @@ class FollowSettings:
     """Times of coming free after which an object at rest by the plan's end is let go all the same."""
     release: float = 0.02
     """Horizontal distance from the plan's end within which the object may be released."""
+    meeting: float = 0.05
+    """Distance from the plan's end within which the object may be handed over: the taker looks where it is."""
     retreat: float = 0.12
     """Height gained after the release."""
 
