@@ -9,6 +9,7 @@ from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN
 
+_AS_HIGH = 0.03  # m
 
 class Hands:
     """The arm in play and the object in play: an :class:`ocplanner.transfer.body.Arm`.
@@ -32,6 +33,7 @@ class Hands:
         self.arm, self._object = 0, env.task.object().name
         self._places = [arm.eef_pose() for arm in env.arms]
         self._grips = [OPEN for _ in env.arms]
+        self._rising = [False for _ in env.arms]
 
     def put_in_play(self, name: str, arm: int) -> None:
         """From now on this object is read, and this arm moves.
@@ -40,12 +42,18 @@ class Hands:
             name: of the object.
             arm: its number.
         """
-        self._places[self.arm] = self.eef_pose()
+        self.wait_at(self.eef_pose(), self.arm)
         self.arm, self._object = arm, name
 
-    def wait_at(self, place: Pose, arm: int) -> None:
-        """Where an arm is to wait that is not in play, world."""
-        self._places[arm] = place
+    def wait_at(self, place: Pose, arm: int, *, rising: bool = False) -> None:
+        """Where an arm is to wait that is not in play.
+
+        Args:
+            place: of its hand, world.
+            arm: its number.
+            rising: whether the hand goes up first, and aside when it is as high.
+        """
+        self._places[arm], self._rising[arm] = place, rising
 
     def open(self, arm: int) -> None:
         """Let an arm that is not in play open its hand."""
@@ -80,6 +88,8 @@ class Hands:
     def _keep(self, number: int) -> np.ndarray:
         """(7,) action of an arm that waits: without it the hand would sink under its load."""
         arm = self._env.arms[number]
-        hand = arm.eef_pose()
-        delta = _core.delta_pose_action(hand, self._places[number], hand, arm.base_rotation, self._law)
+        hand, place = arm.eef_pose(), self._places[number]
+        if self._rising[number] and hand.position[2] < place.position[2] - _AS_HIGH:
+            place = place._replace(position=np.append(hand.position[:2], place.position[2]))
+        delta = _core.delta_pose_action(hand, place, hand, arm.base_rotation, self._law)
         return np.append(delta, self._grips[number])

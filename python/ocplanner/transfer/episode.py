@@ -16,7 +16,7 @@ from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading, raised
 from ocplanner.transfer.follower import Follower
 from ocplanner.transfer.grasp import close_around, is_held, open_fingers, opening_before, take_hold, toward
-from ocplanner.transfer.hand_over import ends_for_hands
+from ocplanner.transfer.hand_over import ends_for_hands, ready_beside
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -175,9 +175,10 @@ class _Program:
             place = self.homes[arm]
             nexts = [spec for spec in later if spec.arms[0] == arm]
             if nexts:
-                above = self.env.object_pose(nexts[0].name).position
-                place = place._replace(position=np.array([*above[:2], place.position[2]]))
-            self.hands.wait_at(place, arm)
+                lying = self.env.object_pose(nexts[0].name).position
+                hover = nexts[0].hover or self.settings.grasp.hover
+                place = place._replace(position=np.array([*lying[:2], max(place.position[2], lying[2] + hover)]))
+            self.hands.wait_at(place, arm, rising=True)
 
     def _place(self, spec: ObjectSpec, *, last: bool) -> bool:
         """Bring the object in play to where the plans lead; True once the follower decides that it is there."""
@@ -207,19 +208,23 @@ class _Program:
         while self._follow(grip_point, spec):
             if self.arm == spec.arms[-1]:
                 return True
-            taker = spec.arms[spec.arms.index(self.arm) + 1]
-            handed = self._hand_over(spec, taker)
+            handed = self._hand_over(spec, self._taker(spec))
             if handed is None:
                 return False
             grip_point = handed
         return False
+
+    def _taker(self, spec: ObjectSpec) -> int:
+        """Number of the arm after the one in play."""
+        return spec.arms[spec.arms.index(self.arm) + 1]
 
     def _hand_over(self, spec: ObjectSpec, taker: int) -> np.ndarray | None:
         """Let the next arm take the object from the one in play; its grip point, or None if it does not hold it."""
         giver = self.arm
         self.attend(spec, taker)
         self.phase, self.held_once = "hand over", True
-        close_around(self.body, replace(self.left, hover=None), self.env.robot, self.settings.grasp, self.reach)
+        at_once = replace(self.settings.grasp, settle_steps=0)
+        close_around(self.body, self.left, self.env.robot, at_once, self.reach)
         now = self.body.read()
         grip_point, place = now.grip_point, now.eef
         arm = self.env.arms[giver]
@@ -262,6 +267,9 @@ class _Program:
                 rotations = None if plan.rotation is None else plan.rotation[0]
                 follower.receive(plan.position[0], rotations, now)
                 self.trace.plans.append((self.body.steps, plan.position[0]))
+                if self.arm != spec.arms[-1]:
+                    taker = self._taker(spec)
+                    self.hands.wait_at(ready_beside(plan.position[0][-1], self.homes[taker]), taker)
             command = follower.command(now)
             self.phase = command.phase
             if command.phase in ("release", "keep", "hand over"):
@@ -328,9 +336,12 @@ class _Program:
     def _rise(self, height: float) -> None:
         start = self.body.read().eef
         top = start.position[2] + height
+        still, before = 0, start.position[2]
         for _ in range(60):
             now = self.body.move_hand(start._replace(position=np.array([*start.position[:2], top + 0.02])), OPEN)
-            if now.eef.position[2] > top:
+            still = still + 1 if now.eef.position[2] - before < self.settings.following.stuck else 0
+            before = now.eef.position[2]
+            if before > top or still >= self.settings.following.stuck_steps:
                 break
 
     def why(self, env: ManipulationEnv) -> str:

@@ -73,7 +73,8 @@ class Follower:
         self._placing = placing
         self._rule = settings.following
         if tolerance is not None:
-            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1])
+            near = max(self._rule.release, 2 * tolerance[0])
+            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1], release=near)
         if descent is not None:
             self._rule = replace(self._rule, lower_step=descent)
         self._hands_over = hands_over

@@ -1,10 +1,30 @@
 """Where two hands hold an object that one gives to the other."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import Foresight
+
+_LEAN = 0.25  # rad: the taker's palm is tilted away from the giver's, or their wrists meet
+_FAR = 0.5  # m: a hand does not go toward a meeting that is farther from where it waits
+_BESIDE, _ABOVE = 0.13, 0.08  # m from the meeting, where the taker waits
+
+
+def ready_beside(meeting: np.ndarray, home: Pose) -> Pose:
+    """Where the taker waits for what a plan leads to a place, turned as at home; at home while that is far.
+
+    Args:
+        meeting: (3,) the plan's end, world, metres.
+        home: of the taker's hand, world.
+    """
+    way = (home.position - meeting) * [1, 1, 0]
+    distance = float(np.linalg.norm(way))
+    if not _BESIDE < distance < _FAR:
+        return home
+    return home._replace(position=meeting + _BESIDE * way / distance + [0.0, 0.0, _ABOVE])
 
 
 def ends_for_hands(spec: ObjectSpec, pose_object: Pose, reach: Foresight) -> tuple[ObjectSpec, ObjectSpec]:
@@ -16,7 +36,7 @@ def ends_for_hands(spec: ObjectSpec, pose_object: Pose, reach: Foresight) -> tup
         reach: the giver's.
     """
     outward = reach.outward(pose_object.position)
-    pairs = [(spec.held_at(near), spec.held_at(far)) for near, far in spec.ends]
+    pairs = [(spec.held_at(near), replace(spec.held_at(far), hover=None, lean=_LEAN)) for near, far in spec.ends]
     return max(pairs, key=lambda pair: float((_middle(pair[1], pose_object) - _middle(pair[0], pose_object)) @ outward))
 
 

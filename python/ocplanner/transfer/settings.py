@@ -22,6 +22,8 @@ class GraspSettings:
     scrape over what the object lies on."""
     near: float = 0.006
     """Distance from the grasp at which the gripper closes."""
+    steep: float = 0.012
+    """Distance from the vertical through the grasp within which the hand comes down between walls."""
     near_rotation: float = 0.1
     """Angle from the grasp at which the gripper closes."""
     slow: float = 0.003
