@@ -11,6 +11,7 @@ from ocplanner.transfer.body import OPEN
 
 _AS_HIGH = 0.03  # m
 
+
 class Hands:
     """The arm in play and the object in play: an :class:`ocplanner.transfer.body.Arm`.
 

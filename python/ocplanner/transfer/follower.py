@@ -89,6 +89,7 @@ class Follower:
         self._aim: Pose | None = None
         self._reach = reach
         self._turned: np.ndarray | None = None
+        self._plans_rotation = True
         self._start = start.object
         self._previous = start.object
         self._top = float(start.object.position[2])
@@ -110,7 +111,7 @@ class Follower:
 
         Args:
             positions: (H, 3) world, metres.
-            rotations: (H, 3, 3), or None for a position-only plan.
+            rotations: (H, 3, 3), or None for a position-only plan: the object then stays turned as it was taken.
             now: what is sensed.
         """
         if rotations is not None:
@@ -122,8 +123,11 @@ class Follower:
         self._closing_in = self._placing == "trace" and bool(farthest < _CLOSING_IN)
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
-        end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
+        self._plans_rotation = rotations is not None
+        end = Pose(positions[-1], self._start.rotation if rotations is None else rotations[-1])
         self._last_ends.append(end)
+        if self._hands_over:
+            return
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
         elif self._ends and self._lowering is None:
@@ -155,7 +159,8 @@ class Follower:
         """The pose of the plan to aim at; one that is traced exactly keeps it until the object is slow."""
         if not self._closing_in:
             self._aim = None
-            return Pose(*self._controller.target(here))
+            target = Pose(*self._controller.target(here))
+            return target if self._plans_rotation else target._replace(rotation=self._start.rotation)
         if self._aim is None or moved < _SLOW * self._rule.resting:
             self._aim = Pose(*self._exact_controller.target(here))
         return self._aim

@@ -51,8 +51,8 @@ class ObjectSpec:
             through each pose of the plan, until it rests at the last.
         tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
             if not given.
-        descent: how far below the object its target is while it is let down, metres: how fast. The follower's own number
-            if not given.
+        descent: how far below the object its target is while it is let down, metres: how fast. The follower's own
+            number if not given.
         lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
         way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode

@@ -1,0 +1,33 @@
+import numpy as np
+import pytest
+
+from ocplanner.envs.tasks import task
+from ocplanner.pose import Pose
+from ocplanner.transfer.hand_over import ends_for_hands, ready_beside
+
+
+class FromTheRight:
+    """An arm whose base is far along -y."""
+
+    def outward(self, position):
+        return np.array([0.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(("toward", "giver", "taker"), [(1.0, "foot", "head"), (-1.0, "head", "foot")])
+def test_the_taker_gets_the_end_that_is_on_its_side(toward, giver, taker):
+    spec = task("Transport").object("payload")
+    lying = Pose(np.array([0.2, -0.45, 0.83]), np.array([[1.0, 0, 0], [0, 0, toward], [0, -toward, 0]]))
+    held, left = ends_for_hands(spec, lying, FromTheRight())
+    assert {grasp.name.split("-")[0] for grasp in held.grasps} == {giver}
+    assert {grasp.name.split("-")[0] for grasp in left.grasps} == {taker}
+    assert held.hover == spec.hover
+    assert left.hover is None  # there are no walls where the hands meet
+    assert left.lean > held.lean
+
+
+def test_the_taker_waits_on_its_own_side_of_the_meeting():
+    home = Pose(np.array([0.0, 0.35, 1.0]), np.eye(3))
+    place = ready_beside(np.array([0.0, 0.0, 1.08]), home)
+    np.testing.assert_allclose(place.position, [0.0, 0.13, 1.16])
+    assert ready_beside(np.array([0.0, -0.4, 1.08]), home) is home  # not yet on its way
+    assert ready_beside(np.array([0.0, 0.3, 1.08]), home) is home  # it is there already
