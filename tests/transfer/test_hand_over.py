@@ -13,7 +13,7 @@ class FromTheRight:
         return np.array([0.0, 1.0, 0.0])
 
 
-@pytest.mark.parametrize(("toward", "giver", "taker"), [(1.0, "foot", "head"), (-1.0, "head", "foot")])
+@pytest.mark.parametrize(("toward", "giver", "taker"), [(1.0, "heel", "head"), (-1.0, "neck", "foot")])
 def test_the_taker_gets_the_end_that_is_on_its_side(toward, giver, taker):
     spec = task("Transport").object("payload")
     lying = Pose(np.array([0.2, -0.45, 0.83]), np.array([[1.0, 0, 0], [0, 0, toward], [0, -toward, 0]]))

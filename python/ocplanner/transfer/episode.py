@@ -16,7 +16,7 @@ from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading, raised
 from ocplanner.transfer.follower import Follower
 from ocplanner.transfer.grasp import close_around, is_held, open_fingers, opening_before, take_hold, toward
-from ocplanner.transfer.hand_over import ends_for_hands, ready_beside
+from ocplanner.transfer.hand_over import across, ends_for_hands, ready_beside
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 
@@ -143,7 +143,7 @@ class _Program:
         self.settings, self.trace, self.observe, self.sense = settings, trace, observe, sense
         self.objects = [spec for spec in env.task.objects if set(spec.parts) <= planners.keys()]
         self.finished = False
-        self.left = env.task.objects[-1]
+        self.ends = (env.task.objects[-1],) * 2
         self.homes = [arm.eef_pose() for arm in env.arms]
         self.reaches = [Reach(env.model, env.data, arm.joints) for arm in env.arms]
 
@@ -186,7 +186,7 @@ class _Program:
             self.phase, self.lost = "grasp", False
             held = spec
             if self.arm != spec.arms[-1]:
-                held, self.left = ends_for_hands(spec, self.body.read().object, self.reach)
+                held, _ = self.ends = ends_for_hands(spec, self.body.read().object, self.reach)
             grip_point = take_hold(self.body, held, self.env.robot, self.settings.grasp, self.reach)
             if grip_point is not None:
                 self.held_once = True
@@ -224,7 +224,7 @@ class _Program:
         self.attend(spec, taker)
         self.phase, self.held_once = "hand over", True
         at_once = replace(self.settings.grasp, settle_steps=0)
-        close_around(self.body, self.left, self.env.robot, at_once, self.reach)
+        close_around(self.body, self.ends[1], self.env.robot, at_once, self.reach)
         now = self.body.read()
         grip_point, place = now.grip_point, now.eef
         arm = self.env.arms[giver]
@@ -237,6 +237,10 @@ class _Program:
         self.hands.wait_at(self.homes[giver], giver)
         return grip_point if is_held(self.body.read(), grip_point, self.settings.grasp) else None
 
+    def _across(self, spec: ObjectSpec, pose_object: Pose) -> np.ndarray:
+        """(3, 3) rotation in which the object is handed over, where its plan does not say."""
+        return across(pose_object, *self.ends, self.reaches[self._taker(spec)].base - self.reach.base)
+
     def _hold(self, place: Pose, until: Callable[[], bool], steps: int) -> None:
         """Keep the closed hand where it is until something has happened, for at most so many steps."""
         for _ in range(steps):
@@ -247,13 +251,16 @@ class _Program:
     def _follow(self, grip_point: np.ndarray, spec: ObjectSpec) -> bool:
         """True once the follower decides that the plans are fulfilled, False if the object was lost."""
         now = self.grip = self.body.read()
+        hands_over = self.arm != spec.arms[-1]
         self.follower = follower = Follower(
             self.settings,
             spec.yaw_fold,
             now,
             self.reach,
             let_go=spec.let_go,
-            hands_over=self.arm != spec.arms[-1],
+            lift=spec.lift if self.arm == spec.arms[0] else None,
+            hands_over=hands_over,
+            turned=self._across(spec, now.object) if hands_over else None,
             placing=spec.placing,
             tolerance=spec.tolerance,
             descent=spec.descent,
@@ -267,7 +274,7 @@ class _Program:
                 rotations = None if plan.rotation is None else plan.rotation[0]
                 follower.receive(plan.position[0], rotations, now)
                 self.trace.plans.append((self.body.steps, plan.position[0]))
-                if self.arm != spec.arms[-1]:
+                if hands_over:
                     taker = self._taker(spec)
                     self.hands.wait_at(ready_beside(plan.position[0][-1], self.homes[taker]), taker)
             command = follower.command(now)

@@ -53,6 +53,9 @@ class Follower:
         tolerance: how exactly, metres and radians; the settings' numbers if not given.
         descent: how fast it is let down, see the same; the settings' number if not given.
         hands_over: whether the plan ends where another hand takes the object.
+        turned: (3, 3) rotation in which the object is carried where a plan does not say; that at the start if not
+            given.
+        lift: how far up it goes first, and along its own z, see the same; the settings' number if not given.
     """
 
     def __init__(
@@ -67,6 +70,8 @@ class Follower:
         tolerance: tuple[float, float] | None = None,
         descent: float | None = None,
         hands_over: bool = False,
+        turned: np.ndarray | None = None,
+        lift: tuple[float, float] | None = None,
     ) -> None:
         self.settings = settings
         self._lets_go = let_go
@@ -77,6 +82,10 @@ class Follower:
             self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1], release=near)
         if descent is not None:
             self._rule = replace(self._rule, lower_step=descent)
+        self._drawn = np.zeros(3)
+        if lift is not None:
+            self._rule = replace(self._rule, lift_first=lift[0])
+            self._drawn = lift[1] * start.object.rotation[:, 2] * [1, 1, 0]
         self._hands_over = hands_over
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
@@ -90,6 +99,7 @@ class Follower:
         self._reach = reach
         self._turned: np.ndarray | None = None
         self._plans_rotation = True
+        self._carried = start.object.rotation if turned is None else turned
         self._start = start.object
         self._previous = start.object
         self._top = float(start.object.position[2])
@@ -111,7 +121,7 @@ class Follower:
 
         Args:
             positions: (H, 3) world, metres.
-            rotations: (H, 3, 3), or None for a position-only plan: the object then stays turned as it was taken.
+            rotations: (H, 3, 3), or None for a position-only plan: the object is then carried as ``turned`` says.
             now: what is sensed.
         """
         if rotations is not None:
@@ -124,7 +134,7 @@ class Follower:
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
         self._plans_rotation = rotations is not None
-        end = Pose(positions[-1], self._start.rotation if rotations is None else rotations[-1])
+        end = Pose(positions[-1], self._carried if rotations is None else rotations[-1])
         self._last_ends.append(end)
         if self._hands_over:
             return
@@ -160,7 +170,7 @@ class Follower:
         if not self._closing_in:
             self._aim = None
             target = Pose(*self._controller.target(here))
-            return target if self._plans_rotation else target._replace(rotation=self._start.rotation)
+            return target if self._plans_rotation else target._replace(rotation=self._carried)
         if self._aim is None or moved < _SLOW * self._rule.resting:
             self._aim = Pose(*self._exact_controller.target(here))
         return self._aim
@@ -259,7 +269,8 @@ class Follower:
             self._unstick = None
             self._still = 0
         if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
-            return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
+            above = raised(self._start, self._rule.lift_first + _LIFTING)
+            return Command(above._replace(position=above.position + self._drawn), "lift")
         self._lifted = True
         if self._placing == "trace":
             return self._trace(here, target)

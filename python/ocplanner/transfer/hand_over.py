@@ -7,6 +7,7 @@ import numpy as np
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import Foresight
+from ocplanner.transfer.symmetry import yaw_rotation
 
 _LEAN = 0.25  # rad: the taker's palm is tilted away from the giver's, or their wrists meet
 _FAR = 0.5  # m: a hand does not go toward a meeting that is farther from where it waits
@@ -38,6 +39,20 @@ def ends_for_hands(spec: ObjectSpec, pose_object: Pose, reach: Foresight) -> tup
     outward = reach.outward(pose_object.position)
     pairs = [(spec.held_at(near), replace(spec.held_at(far), hover=None, lean=_LEAN)) for near, far in spec.ends]
     return max(pairs, key=lambda pair: float((_middle(pair[1], pose_object) - _middle(pair[0], pose_object)) @ outward))
+
+
+def across(pose_object: Pose, held: ObjectSpec, left: ObjectSpec, way: np.ndarray) -> np.ndarray:
+    """(3, 3) the object's rotation, turned about the world's z until the end that is left points to the taker.
+
+    Args:
+        pose_object: world.
+        held: the object as the giver holds it.
+        left: the object as the taker is to hold it.
+        way: (3,) from the giver's base to the taker's.
+    """
+    end = _middle(left, pose_object) - _middle(held, pose_object)
+    turn = np.arctan2(way[1], way[0]) - np.arctan2(end[1], end[0])
+    return yaw_rotation(turn) @ pose_object.rotation
 
 
 def _middle(held: ObjectSpec, pose_object: Pose) -> np.ndarray:

@@ -53,6 +53,8 @@ class ObjectSpec:
             if not given.
         descent: how far below the object its target is while it is let down, metres: how fast. The follower's own
             number if not given.
+        lift: how far it goes up before it goes aside, and along its own z meanwhile, metres; straight up, by the
+            follower's own number, if not given.
         lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
         way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
@@ -70,6 +72,7 @@ class ObjectSpec:
     placing: Placing = "drop"
     tolerance: tuple[float, float] | None = None
     descent: float | None = None
+    lift: tuple[float, float] | None = None
     lean: float = 0.0
     withdraw: Literal["up", "back"] = "up"
     way: tuple[tuple[float, float, float], ...] = ()

@@ -8,7 +8,14 @@ from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
 from ocplanner.pose import Pose
 
 _HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
-_GRIPS = (("head", 0.07), ("upper", 0.03), ("lower", -0.035), ("foot", -0.08))  # from the middle of the handle, m
+_GRIPS = (
+    ("head", 0.07),
+    ("neck", 0.05),
+    ("upper", 0.03),
+    ("lower", -0.035),
+    ("heel", -0.06),
+    ("foot", -0.08),
+)  # from the middle of the handle, m
 _ROOMY = (0.02, 0.3)  # m, rad: bins and table are
 _FAST = 0.03  # m: there is room, and there are three objects to carry in 700 steps
 _OVER_THE_BINS = (0.02, -0.37, 1.07)  # place of the first hand, world, m: some hang beside a bin at first
@@ -59,7 +66,8 @@ TASK = Task(
             descent=_FAST,
             hover=_OVER_THE_WALLS,
             arms=(0, 1),
-            ends=(("foot", "head"), ("head", "foot")),
+            lift=(0.14, -0.02),
+            ends=(("heel", "head"), ("neck", "foot")),
         ),
     ),
     horizon=700,
