@@ -3,7 +3,8 @@ import pytest
 
 from ocplanner.envs.tasks import task
 from ocplanner.pose import Pose
-from ocplanner.transfer.hand_over import ends_for_hands, ready_beside
+from ocplanner.transfer.hand_over import across, ends_for_hands, ready_beside
+from ocplanner.transfer.symmetry import yaw_rotation
 
 
 class FromTheRight:
@@ -31,3 +32,15 @@ def test_the_taker_waits_on_its_own_side_of_the_meeting():
     np.testing.assert_allclose(place.position, [0.0, 0.13, 1.16])
     assert ready_beside(np.array([0.0, -0.4, 1.08]), home) is home  # not yet on its way
     assert ready_beside(np.array([0.0, 0.3, 1.08]), home) is home  # it is there already
+
+
+@pytest.mark.parametrize("toward", [1.0, -1.0])
+def test_the_end_that_is_left_is_turned_to_the_taker(toward):
+    spec = task("Transport").object("payload")
+    flat = np.array([[1.0, 0, 0], [0, 0, toward], [0, -toward, 0]])
+    lying = Pose(np.array([0.2, -0.45, 0.83]), yaw_rotation(0.5) @ flat)
+    held, left = ends_for_hands(spec, lying, FromTheRight())
+    turned = Pose(lying.position, across(lying, held, left, np.array([0.0, 1.6, 0.0])))
+    far, near = ((turned @ half.grasps[0].pose_object_eef).position for half in (left, held))
+    np.testing.assert_allclose((far - near)[:2], [0.0, 0.13], atol=1e-9)
+    np.testing.assert_allclose(turned.rotation[2], lying.rotation[2], atol=1e-9)  # about the vertical only
