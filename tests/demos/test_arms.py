@@ -48,3 +48,27 @@ def test_a_waiting_arm_goes_where_it_is_to_wait(env):
     for _ in range(40):
         hands.step(np.zeros(7))
     assert np.linalg.norm(env.arms[1].eef_pose().position - place.position) < 0.005
+
+
+def test_a_hand_that_rises_first_goes_over_a_wall(env):
+    hands, _ = _hands(env)
+    start = env.arms[1].eef_pose()
+    hands.wait_at(Pose(start.position + np.array([-0.1, 0.0, 0.1]), start.rotation), 1, rising=True)
+    way = []
+    for _ in range(60):
+        hands.step(np.zeros(7))
+        way.append(env.arms[1].eef_pose().position - start.position)
+    low = np.array([place for place in way if place[2] < 0.05])
+    assert len(low) > 2
+    assert np.abs(low[:, 0]).max() < 0.02
+    assert way[-1][0] < -0.09
+
+
+def test_a_waiting_hand_opens_when_it_is_told_to(env):
+    hands, actions = _hands(env)
+    hands.put_in_play("trash", 1)
+    hands.step(np.append(np.zeros(6), CLOSE))
+    hands.put_in_play("trash", 0)
+    hands.open(1)
+    hands.step(np.append(np.zeros(6), CLOSE))
+    assert [action[13] for action in actions] == [CLOSE, OPEN]

@@ -31,6 +31,14 @@ def test_from_onset_to_release():
     assert manipulation_segment(positions, _still(100), gripper) == (31, 86, 35, 80)
 
 
+def test_a_hand_that_holds_still_for_another_has_ended_its_part():
+    positions, gripper = _carry()
+    positions[60:] = positions[60]
+    segment = manipulation_segment(positions, _still(100), gripper, SegmentRule(at_rest=True))
+    assert segment == (31, 65, 35, 59)
+    assert manipulation_segment(positions, _still(100), gripper).release == 80
+
+
 def test_without_gripper_actions_the_motion_decides():
     positions, _ = _carry()
     segment = manipulation_segment(positions, _still(100), None)

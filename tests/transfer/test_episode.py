@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocplanner.demos.expert import demonstrate
-from ocplanner.demos.recorded_task import segment_rule
+from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
 from ocplanner.pose import Pose
@@ -92,6 +92,7 @@ class Replay:
 
     def __init__(self, env, name: str, poses: list[Pose]):
         self.env, self.name, self.poses, self.place = env, name, poses, 0
+        self.plans_rotation = True
 
     def plan(self, images):
         here = self.env.object_pose(self.name)
@@ -100,24 +101,27 @@ class Replay:
         self.place += int(np.argmin(off))
         rows = np.minimum(self.place + 1 + np.arange(20), len(self.poses) - 1)
         positions, rotations = (np.array([self.poses[row][part] for row in rows]) for part in (0, 1))
-        return SimpleNamespace(position=positions[None], rotation=rotations[None], probability=np.ones(1))
+        rotation = rotations[None] if self.plans_rotation else None
+        return SimpleNamespace(position=positions[None], rotation=rotation, probability=np.ones(1))
 
 
 def replays(env, seed: int) -> dict[str, Replay]:
-    """Of a demonstration of each object, from its grasp to its release."""
-    poses, gripper = {spec.name: [] for spec in env.task.objects}, []
+    """Of a demonstration of each object, or each arm's part of its way, from its grasp to its release."""
+    poses, grippers = {spec.name: [] for spec in env.task.objects}, []
 
     def note(action):
-        gripper.append(action[-1])
+        grippers.append(action[6::7])
         for name, known in poses.items():
             known.append(env.object_pose(name))
 
     assert demonstrate(env, seed, note, noise=0.0)
     found = {}
-    for name, known in poses.items():
-        arrays = [np.array([pose[part] for pose in known]) for part in (0, 1)]
-        segment = manipulation_segment(*arrays, np.array(gripper), segment_rule(env.task.env_name, name))
-        found[name] = Replay(env, name, known[segment.start : segment.stop])
+    for part in (part for spec in env.task.objects for part in spec.parts):
+        known = poses[object_of(part)]
+        arrays = [np.array([pose[number] for pose in known]) for number in (0, 1)]
+        gripper = np.array(grippers)[:, list(carriers(env.task.env_name, part))].max(axis=1)
+        segment = manipulation_segment(*arrays, gripper, segment_rule(env.task.env_name, part))
+        found[part] = Replay(env, object_of(part), known[segment.start : segment.stop])
     return found
 
 
@@ -131,3 +135,14 @@ def test_objects_are_placed_one_after_another():
         lone = run_episode(env, planners, 501, observe=lambda env: {})
     assert not lone.success
     assert lone.failed_with == "tool"
+
+
+def test_two_arms_hand_an_object_over():
+    with make_env("Transport", "Panda", cameras=()) as env:
+        planners = replays(env, 503)
+        planners["payload:0"].plans_rotation = planners["payload:1"].plans_rotation = False
+        episode = run_episode(env, planners, 503, observe=lambda env: {})
+        assert episode.success, (episode.failure, episode.failed_with)
+        assert list(dict.fromkeys(episode.trace.in_play)) == ["lid", "trash", "payload"]
+        assert episode.trace.phases.count("hand over") > 20
+        assert np.linalg.norm(env.arms[0].eef_pose().position - env.object_pose("payload").position) > 0.3

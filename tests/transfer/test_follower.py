@@ -43,7 +43,7 @@ def run(follower: Follower, floating: Floating, plan, horizon: int = 300) -> lis
             follower.receive(*plan(step, now.object), now)
         command = follower.command(now)
         phases.append(command.phase)
-        if command.phase == "release":
+        if command.phase in ("release", "hand over"):
             break
         floating.move(command.target)
     return phases
@@ -240,3 +240,37 @@ def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
         targets.append((command.phase, *command.target.position[:2]))
     assert "unstick" in [phase for phase, *_ in targets]
     assert {round(x - START[0], 4) for phase, x, _ in targets if phase == "transit"} == {0.0, 0.0035, -0.0035}
+
+
+def giver(floating: Floating, **how) -> Follower:
+    settings = TransferSettings()
+    return Follower(settings, 0, floating.read(), hands_over=True, turned=yaw_rotation(0.4), **how)
+
+
+def test_an_object_for_another_hand_is_brought_to_where_the_plans_end_and_held_there():
+    floating, meeting = Floating(), np.array([0.0, 0.0, 1.05])
+    follower = giver(floating)
+    phases = run(follower, floating, lambda step, here: (np.linspace(here.position, meeting, 20), None))
+    assert phases[-1] == "hand over"
+    assert not {"align", "lower", "release"} & set(phases)
+    assert np.linalg.norm(floating.pose.position - meeting) < FollowSettings().meeting
+    assert angle_between(floating.pose.rotation, yaw_rotation(0.4)) < 1e-6
+
+
+def test_an_object_goes_up_and_back_before_it_goes_aside():
+    floating, meeting = Floating(), np.array([0.0, 0.0, 1.05])
+    floating.pose = Pose(START.copy(), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))  # its z along the world's x
+    follower = giver(floating, lift=(0.14, -0.02))
+    phases = []
+    for step in range(60):
+        now = floating.read()
+        if step % 4 == 0:
+            follower.receive(np.linspace(now.object.position, meeting, 20), None, now)
+        command = follower.command(now)
+        phases.append(command.phase)
+        if command.phase != "lift":
+            break
+        np.testing.assert_allclose(command.target.position, START + np.array([-0.02, 0.0, 0.16]), atol=1e-9)
+        floating.move(command.target)
+    assert len(phases) > 8
+    assert floating.pose.position[2] > START[2] + 0.14

@@ -34,6 +34,14 @@ def test_a_planner_alone_is_that_of_its_task(write):
     assert TaskPlanners.of(path).sha256 == Planner.load(path).sha256
 
 
+def test_each_arm_that_carries_an_object_has_a_planner_for_its_part(write):
+    names = ("payload:1", "trash", "payload:0", "lid")
+    planners = [Planner.load(write(name.replace(":", "-"), task="Transport", object=name)) for name in names]
+    assert list(TaskPlanners.of(planners).by_object) == ["lid", "trash", "payload:0", "payload:1"]
+    with pytest.raises(MismatchError, match="Transport has no planner for payload:1"):
+        TaskPlanners.of(planners[1:])
+
+
 def test_each_object_has_one_planner(write):
     frame = write("frame")
     with pytest.raises(MismatchError, match=r"ToolHang has no planner for tool .*--object"):

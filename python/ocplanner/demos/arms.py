@@ -9,6 +9,8 @@ from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN
 
+_AS_HIGH = 0.03  # m
+
 
 class Hands:
     """The arm in play and the object in play: an :class:`ocplanner.transfer.body.Arm`.
@@ -20,13 +22,19 @@ class Hands:
         env: the environment.
         law: how a waiting hand is kept in its place.
         on_action: called before each control step with the action of all arms (7 arms,).
+
+    Attributes:
+        arm: number of the arm in play.
     """
 
-    def __init__(self, env: ManipulationEnv, law: _core.DeltaPoseLaw, on_action: Callable[[np.ndarray], None]) -> None:
+    def __init__(
+        self, env: ManipulationEnv, law: _core.DeltaPoseLaw, on_action: Callable[[np.ndarray], None] = lambda _: None
+    ) -> None:
         self._env, self._law, self._on_action = env, law, on_action
-        self._arm, self._object = 0, env.task.object().name
+        self.arm, self._object = 0, env.task.object().name
         self._places = [arm.eef_pose() for arm in env.arms]
         self._grips = [OPEN for _ in env.arms]
+        self._rising = [False for _ in env.arms]
 
     def put_in_play(self, name: str, arm: int) -> None:
         """From now on this object is read, and this arm moves.
@@ -35,17 +43,27 @@ class Hands:
             name: of the object.
             arm: its number.
         """
-        self._places[self._arm] = self.eef_pose()
-        self._arm, self._object = arm, name
+        self.wait_at(self.eef_pose(), self.arm)
+        self.arm, self._object = arm, name
 
-    def wait_at(self, place: Pose, arm: int) -> None:
-        """Where an arm is to wait that is not in play, world."""
-        self._places[arm] = place
+    def wait_at(self, place: Pose, arm: int, *, rising: bool = False) -> None:
+        """Where an arm is to wait that is not in play.
+
+        Args:
+            place: of its hand, world.
+            arm: its number.
+            rising: whether the hand goes up first, and aside when it is as high.
+        """
+        self._places[arm], self._rising[arm] = place, rising
+
+    def open(self, arm: int) -> None:
+        """Let an arm that is not in play open its hand."""
+        self._grips[arm] = OPEN
 
     def step(self, action: np.ndarray) -> None:
         """One control step of the arm in play, (7,)."""
-        self._grips[self._arm] = float(action[6])
-        shares = [action if arm == self._arm else self._keep(arm) for arm in range(len(self._env.arms))]
+        self._grips[self.arm] = float(action[6])
+        shares = [action if arm == self.arm else self._keep(arm) for arm in range(len(self._env.arms))]
         whole = np.concatenate(shares)
         self._on_action(whole)
         self._env.step(whole)
@@ -56,21 +74,23 @@ class Hands:
 
     def eef_pose(self) -> Pose:
         """Of the arm in play."""
-        return self._env.arms[self._arm].eef_pose()
+        return self._env.arms[self.arm].eef_pose()
 
     @property
     def base_rotation(self) -> np.ndarray:
         """Of the arm in play."""
-        return self._env.arms[self._arm].base_rotation
+        return self._env.arms[self.arm].base_rotation
 
     @property
     def gripper_opening(self) -> float:
         """Of the arm in play."""
-        return self._env.arms[self._arm].gripper_opening
+        return self._env.arms[self.arm].gripper_opening
 
     def _keep(self, number: int) -> np.ndarray:
         """(7,) action of an arm that waits: without it the hand would sink under its load."""
         arm = self._env.arms[number]
-        hand = arm.eef_pose()
-        delta = _core.delta_pose_action(hand, self._places[number], hand, arm.base_rotation, self._law)
+        hand, place = arm.eef_pose(), self._places[number]
+        if self._rising[number] and hand.position[2] < place.position[2] - _AS_HIGH:
+            place = place._replace(position=np.append(hand.position[:2], place.position[2]))
+        delta = _core.delta_pose_action(hand, place, hand, arm.base_rotation, self._law)
         return np.append(delta, self._grips[number])

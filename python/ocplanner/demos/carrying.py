@@ -17,7 +17,7 @@ from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 
 _GAIN = 1.5
-_GRASP = GraspSettings()
+_GRASP = GraspSettings(steep=np.inf)
 _ALIGNED, _ALIGNED_ROTATION, _RESTING = 0.004, 0.12, 0.002
 _NEAR, _NEAR_ROTATION = 0.02, 0.15
 _UPWARD = np.array([0.0, 0.0, 0.14])

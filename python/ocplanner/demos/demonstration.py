@@ -9,7 +9,7 @@ import numpy as np
 
 from ocplanner.demos.hdf5 import HDF5File
 from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
-from ocplanner.demos.recorded_task import carriers, recorded_task
+from ocplanner.demos.recorded_task import carriers, object_of, recorded_task
 from ocplanner.errors import DatasetError, ObjectLayoutError
 
 
@@ -145,9 +145,9 @@ class Demonstration:
         """(T, 3) end-effector (site) positions of a robot, world, metres."""
         return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
 
-    def carrier_actions(self, object_name: str) -> np.ndarray:
-        """:meth:`gripper_actions` of the arms that carry an object."""
-        return self.gripper_actions(carriers(self._recording.env_name, object_name))
+    def carrier_actions(self, part: str) -> np.ndarray:
+        """:meth:`gripper_actions` of the arms that carry an object, or of the one that does a part of that."""
+        return self.gripper_actions(carriers(self._recording.env_name, part))
 
     def gripper_actions(self, arms: Sequence[int] = (0,)) -> np.ndarray:
         """(T,) what grippers are told together: above 0 if any of them closes, below 0 if all open.
@@ -191,6 +191,7 @@ class Demonstration:
     def object_poses(self, object_name: str) -> tuple[np.ndarray, np.ndarray]:
         """World positions (T, 3) in metres and rotations (T, 3, 3) of an object, whatever the file's layout.
 
+        A part of what arms do with it stands for the object, see :func:`ocplanner.demos.recorded_task.object_of`.
         Named sensors (``obs/SquareNut_pos``, ``obs/SquareNut_quat``) are used where they exist, else ``obs/object``.
 
         Raises:
@@ -198,7 +199,7 @@ class Demonstration:
             UnknownNameError: the task has no such object.
             DatasetError: the file records no object at all.
         """
-        keys = self.observation_keys
+        keys, object_name = self.observation_keys, object_of(object_name)
         if {f"{object_name}_pos", f"{object_name}_quat"} <= set(keys):
             parts = [self._finite(f"obs/{object_name}_{part}", dims=2) for part in ("pos", "quat")]
             widths = tuple(part.shape[1] for part in parts)

@@ -9,7 +9,7 @@ import numpy as np
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.recorded_task import segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
-from ocplanner.demos.silhouettes import SilhouetteArm
+from ocplanner.demos.silhouettes import Hand, SilhouetteArm
 from ocplanner.envs import make_env
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.robots import robot as robot_spec
@@ -174,7 +174,7 @@ class FrameRenderer:
 
     def _draw_silhouettes(self, arrays: dict[str, np.ndarray], row: int) -> None:
         poses = {spec.name: self._env.object_pose(spec.name) for spec in self._task.objects}
-        pose_eef, opening = self._env.eef_pose(), self._env.gripper_opening
+        hands = [Hand(arm.eef_pose(), arm.gripper_opening) for arm in self._env.arms]
         for number, arm in enumerate(self._arms):
-            for camera, mask in arm.masks(poses, pose_eef, opening).items():
+            for camera, mask in arm.masks(poses, hands).items():
                 arrays[f"obs/{camera}_silhouettes"][row, number] = mask

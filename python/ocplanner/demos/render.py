@@ -66,8 +66,6 @@ def render_dataset(
                 f"{demos.path}: recorded with {demos.robots or 'no robot'}; {task.name} is rendered with "
                 f"{'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}"
             )
-        if settings.silhouettes and task.arms > 1:
-            raise InvalidValueError(f"silhouettes are of one arm, and {task.name} has {task.arms}: leave them out")
         names = demos.names[:limit]
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[RENDER_ATTRIBUTE] = json.dumps(settings.record(), sort_keys=True)

@@ -48,6 +48,7 @@ class SegmentRule:
         settling: the object may settle for at most so many steps at the start.
         carried: a closed gripper that shifted the object by this (m, horizontally) carried it...
         lifted: ...as did one that raised it by this (m). A fall is neither.
+        at_rest: the manipulation ends when the object comes to rest for good, not when the gripper opens.
     """
 
     before: int = 4
@@ -59,6 +60,7 @@ class SegmentRule:
     settling: int = 20
     carried: float = 0.03
     lifted: float = 0.01
+    at_rest: bool = False
 
 
 DEFAULT_RULE = SegmentRule()
@@ -109,7 +111,9 @@ def manipulation_segment(
             + "; leave this demonstration out"
         )
     release = spans[-1][1]
-    if gripper_actions is None or release == steps - 1:  # never opened: the last motion ends the manipulation
+    if rule.at_rest:
+        release = int(np.flatnonzero(moves[:release])[-1])
+    elif gripper_actions is None or release == steps - 1:  # never opened: the last motion ends the manipulation
         release = int(np.flatnonzero(moves)[-1])
     start = max(settled, onset - rule.before)
     return Segment(start, min(steps, release + rule.after + 1), onset, release)

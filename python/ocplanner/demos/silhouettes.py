@@ -1,6 +1,7 @@
-"""What another arm would cover with its end effector where the recorded arm's is."""
+"""What another arm would cover with its end effector where the recorded arm's is; of a pair, both arms."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,15 @@ it would look like.
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
+class Hand(NamedTuple):
+    """Where a recorded hand is: its end-effector site, world frame, and the gap between the finger pads, metres."""
+
+    pose: Pose
+    opening: float
+
+
 class SilhouetteArm:
-    """One other arm before the same task.
+    """One other arm before the same task, or as many of its kind as the task takes.
 
     Args:
         task: the task.
@@ -37,36 +45,46 @@ class SilhouetteArm:
         straight = robot_spec(source).rotation_grasp_site.T @ robot_spec(name).rotation_grasp_site
         # Two fingers close alike when turned by half a turn; which of the two the arm reaches more easily varies.
         self._both_turns = (straight, straight @ _HALF_TURN)
-        self._turns = list(self._both_turns)
+        self._turns = self._as_at_first()
 
     def start(self) -> None:
         """Begin a demonstration: what follows depends on it alone."""
         self._env.reset(0)
-        self._turns = list(self._both_turns)
+        self._turns = self._as_at_first()
 
-    def masks(self, poses_objects: Mapping[str, Pose], pose_eef: Pose, opening: float) -> dict[str, np.ndarray]:
-        """Masks (h, w) bool by camera; nothing where the arm cannot reach.
+    def masks(self, poses_objects: Mapping[str, Pose], hands: Sequence[Hand]) -> dict[str, np.ndarray]:
+        """Masks (h, w) bool by camera; nothing where an arm cannot reach.
 
         Args:
             poses_objects: poses of the task's objects by name, world frame.
-            pose_eef: the recorded arm's end-effector site, world frame.
-            opening: the recorded gap between the finger pads, metres.
+            hands: the recorded arms' hands.
         """
         env = self._env
         for name, pose in poses_objects.items():
             env.place_object(pose, name)
-        for turn in list(self._turns):
-            target = Pose(pose_eef.position, pose_eef.rotation @ turn)
-            if env.place_eef(target, opening, tolerance=REACHED_M, restarts=0) < REACHED_M:
-                self._prefer(turn)
-                return {camera: env.robot_mask(camera) for camera in env.cameras}
+        if all(self._place(number, hand) for number, hand in enumerate(hands)):
+            return {camera: env.robot_mask(camera) for camera in env.cameras}
         return {camera: np.zeros((env.image_size, env.image_size), bool) for camera in env.cameras}
 
     def close(self) -> None:
         """Free the environment."""
         self._env.close()
 
-    def _prefer(self, turn: np.ndarray) -> None:
-        """Try this turn first in the next frame, so that the wrist does not flip back and forth."""
-        if turn is not self._turns[0]:
-            self._turns.reverse()
+    def _as_at_first(self) -> list[list[np.ndarray]]:
+        """Of each arm the turns to try, in this order."""
+        return [list(self._both_turns) for _ in self._env.arms]
+
+    def _place(self, number: int, hand: Hand) -> bool:
+        """Put one arm's hand there; whether it reaches. The turn with which it does is tried first in the next frame.
+
+        So the wrist does not flip back and forth.
+        """
+        turns = self._turns[number]
+        for turn in list(turns):
+            target = Pose(hand.pose.position, hand.pose.rotation @ turn)
+            error = self._env.place_eef(target, hand.opening, arm=number, tolerance=REACHED_M, restarts=0)
+            if error < REACHED_M:
+                if turn is not turns[0]:
+                    turns.reverse()
+                return True
+        return False

@@ -113,9 +113,14 @@ class Reach:
         self._scratch = mujoco.MjData(model)
         self._first = int(model.dof_jntid[arm.dofs[0]])
 
+    @property
+    def base(self) -> np.ndarray:
+        """(3,) place of the arm's first joint, world, metres."""
+        return self._data.xanchor[self._first].copy()
+
     def outward(self, position: np.ndarray) -> np.ndarray:
         """(3,) horizontal unit vector from the arm's first joint to a position in the world."""
-        outward = position - self._data.xanchor[self._first]
+        outward = position - self.base
         outward[2] = 0.0
         return outward / max(float(np.linalg.norm(outward)), RESERVE_M)
 

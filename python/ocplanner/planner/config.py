@@ -161,7 +161,8 @@ class PlannerTraining:
     observe: Observe = "masked"
     cameras: tuple[str, ...] = ("agentview",)
     object: str | None = None
-    """The object whose motion is planned; the task's first if not given."""
+    """The object whose motion is planned; the task's first if not given. Of one that several arms carry, the part of
+    one of them: ``payload:0`` while arm 0 has it."""
     seed: int = 0
     network: NetworkConfig = field(default_factory=NetworkConfig)
     loss: LossConfig = field(default_factory=LossConfig)

@@ -17,7 +17,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     """
     config, render = planner.config, demos.render_settings or {}
     task = recorded_task(demos.env_name)
-    if task is None or task.name != config["task"] or config["object"] not in task.objects:
+    if task is None or task.name != config["task"] or config["object"] not in task.parts:
         raise MismatchError(
             f"{planner.path} plans for {config['object']} of {config['task']}, but {demos.path} shows "
             f"{demos.env_name}; use a planner of that task"

@@ -149,8 +149,8 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     if task is None:
         known = ", ".join(sorted({*TASK_OBJECTS, *(task.env_name for task in tasks().values())}))
         raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {known}")
-    if config.object is not None and config.object not in task.objects:
-        raise UnknownNameError(f"object of {task.name}", config.object, task.objects)
+    if config.object is not None and config.object not in task.parts:
+        raise UnknownNameError(f"object of {task.name}", config.object, task.parts)
     if not demos.cameras:
         raise DatasetError(f"{demos.path}: no images in it; add them with {remedy}")
     missing = [camera for camera in config.cameras if camera not in demos.cameras]
@@ -176,7 +176,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     colour = render.get("mask_rgb")
     return DataSettings(
         task=task.name,
-        object_name=config.object or task.objects[0],
+        object_name=config.object or task.parts[0],
         source_robot="+".join(demos.robots),
         visual=render.get("visual"),
         mask_rgb=None if colour is None or observe != "masked" else (int(colour[0]), int(colour[1]), int(colour[2])),
@@ -228,7 +228,7 @@ def load_frames(
         demos: the data set.
         names: which demonstrations.
         config: cameras, observation and horizon.
-        object_name: the object whose future is planned.
+        object_name: the object, or the part of its way, whose future is planned.
         say: is told of each demonstration left out because the object is never manipulated in it.
 
     Raises:

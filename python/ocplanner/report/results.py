@@ -10,7 +10,16 @@ from typing import Any
 from ocplanner.errors import ResultFileError
 from ocplanner.transfer.pose_error import PoseError
 
-FAILURES = ("missed grasp", "lost grasp", "slip", "stuck in transit", "not aligned", "not released", "time-out")
+FAILURES = (
+    "missed grasp",
+    "lost grasp",
+    "not handed over",
+    "slip",
+    "stuck in transit",
+    "not aligned",
+    "not released",
+    "time-out",
+)
 """The classes of failed episodes, in the order in which an episode meets them."""
 
 _REQUIRED = ("task", "robot", "follow", "observe", "episodes", "successes", "interval", "runs")

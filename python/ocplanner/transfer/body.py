@@ -1,15 +1,12 @@
 """What a program for an arm may sense and do: nothing privileged."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ocplanner import _core
 from ocplanner.pose import Pose
-
-if TYPE_CHECKING:
-    from ocplanner.envs.environment import ManipulationEnv
 
 OPEN, STAY, CLOSE = -1.0, 0.0, 1.0
 
@@ -24,40 +21,6 @@ class Arm(Protocol):
     def base_rotation(self) -> np.ndarray: ...  # noqa: D102
     @property
     def gripper_opening(self) -> float: ...  # noqa: D102
-
-
-class InPlay:
-    """An environment's arm of which one object is sensed.
-
-    Args:
-        env: the arm before its task.
-        name: the object.
-    """
-
-    def __init__(self, env: "ManipulationEnv", name: str) -> None:
-        self._env, self._name = env, name
-
-    def step(self, action: np.ndarray) -> None:
-        """One control step."""
-        self._env.step(action)
-
-    def object_pose(self) -> Pose:
-        """Of the object in play."""
-        return self._env.object_pose(self._name)
-
-    def eef_pose(self) -> Pose:
-        """The environment's."""
-        return self._env.eef_pose()
-
-    @property
-    def base_rotation(self) -> np.ndarray:
-        """The environment's."""
-        return self._env.base_rotation
-
-    @property
-    def gripper_opening(self) -> float:
-        """The environment's."""
-        return self._env.gripper_opening
 
 
 class Foresight(Protocol):

@@ -16,7 +16,7 @@ from ocplanner.transfer.body import Foresight, Reading, raised
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between, equivalents, mean_rotation, nearest_equivalent
 
-Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep"]
+Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep", "hand over"]
 
 # Places tried after wedging, in units of the search radius: the estimate itself, then a ring around it.
 _SEARCH = np.array(
@@ -31,7 +31,10 @@ _LIFTING = 0.02  # m; a plan that rises by less does not lift
 
 
 class Command(NamedTuple):
-    """Where the object should go now, and why; ``release``: let go; ``keep``: it is there and stays in the hand."""
+    """Where the object should go now, and why.
+
+    ``release``: let go; ``keep``: it is there and stays in the hand; ``hand over``: it is there for another hand.
+    """
 
     target: Pose
     phase: Phase
@@ -48,6 +51,11 @@ class Follower:
         let_go: whether the object is let go of at the end, see :class:`ocplanner.envs.tasks.ObjectSpec`.
         placing: how it gets there, see the same.
         tolerance: how exactly, metres and radians; the settings' numbers if not given.
+        descent: how fast it is let down, see the same; the settings' number if not given.
+        hands_over: whether the plan ends where another hand takes the object.
+        turned: (3, 3) rotation in which the object is carried where a plan does not say; that at the start if not
+            given.
+        lift: how far up it goes first, and along its own z, see the same; the settings' number if not given.
     """
 
     def __init__(
@@ -60,13 +68,25 @@ class Follower:
         let_go: bool = True,
         placing: Placing = "drop",
         tolerance: tuple[float, float] | None = None,
+        descent: float | None = None,
+        hands_over: bool = False,
+        turned: np.ndarray | None = None,
+        lift: tuple[float, float] | None = None,
     ) -> None:
         self.settings = settings
         self._lets_go = let_go
         self._placing = placing
         self._rule = settings.following
         if tolerance is not None:
-            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1])
+            near = max(self._rule.release, 2 * tolerance[0])
+            self._rule = replace(self._rule, aligned=tolerance[0], aligned_rotation=tolerance[1], release=near)
+        if descent is not None:
+            self._rule = replace(self._rule, lower_step=descent)
+        self._drawn = np.zeros(3)
+        if lift is not None:
+            self._rule = replace(self._rule, lift_first=lift[0])
+            self._drawn = lift[1] * start.object.rotation[:, 2] * [1, 1, 0]
+        self._hands_over = hands_over
         self._yaw_fold = yaw_fold
         self._controller = _core.DeltaPoseController(
             settings.follow, gate_position=self._rule.gate_position, gate_rotation=self._rule.gate_rotation
@@ -78,6 +98,8 @@ class Follower:
         self._aim: Pose | None = None
         self._reach = reach
         self._turned: np.ndarray | None = None
+        self._plans_rotation = True
+        self._carried = start.object.rotation if turned is None else turned
         self._start = start.object
         self._previous = start.object
         self._top = float(start.object.position[2])
@@ -99,7 +121,7 @@ class Follower:
 
         Args:
             positions: (H, 3) world, metres.
-            rotations: (H, 3, 3), or None for a position-only plan.
+            rotations: (H, 3, 3), or None for a position-only plan: the object is then carried as ``turned`` says.
             now: what is sensed.
         """
         if rotations is not None:
@@ -111,8 +133,11 @@ class Follower:
         self._closing_in = self._placing == "trace" and bool(farthest < _CLOSING_IN)
         self._plan_top = float(np.max(positions[:, 2]))
         self._top = max(self._top, float(now.object.position[2]))
-        end = Pose(positions[-1], now.object.rotation if rotations is None else rotations[-1])
+        self._plans_rotation = rotations is not None
+        end = Pose(positions[-1], self._carried if rotations is None else rotations[-1])
         self._last_ends.append(end)
+        if self._hands_over:
+            return
         if self._has_lifted(now.object) and end.position[2] < self._top - self._rule.lowering:
             self._ends.append(end)
         elif self._ends and self._lowering is None:
@@ -128,7 +153,10 @@ class Follower:
         self._still = self._still + 1 if moved < self._rule.stuck else 0
         self._top = max(self._top, float(here.position[2]))
         target = self._target(here, moved)
-        if not self._lets_go:
+        if self._hands_over:
+            if self.has_arrived(here, moved):
+                return Command(here, "hand over")
+        elif not self._lets_go:
             if self.has_arrived(here, moved):
                 return Command(here, "keep")
         elif self.may_release(here, moved):
@@ -141,7 +169,8 @@ class Follower:
         """The pose of the plan to aim at; one that is traced exactly keeps it until the object is slow."""
         if not self._closing_in:
             self._aim = None
-            return Pose(*self._controller.target(here))
+            target = Pose(*self._controller.target(here))
+            return target if self._plans_rotation else target._replace(rotation=self._carried)
         if self._aim is None or moved < _SLOW * self._rule.resting:
             self._aim = Pose(*self._exact_controller.target(here))
         return self._aim
@@ -163,7 +192,8 @@ class Follower:
             return False
         farthest = max(float(np.linalg.norm(end.position - here.position)) for end in self._last_ends)
         if self._placing != "trace":
-            return farthest < self._rule.release and moved < self._rule.resting
+            near = self._rule.meeting if self._hands_over else self._rule.release
+            return farthest < near and moved < self._rule.resting
         widest = max(angle_between(end.rotation, here.rotation) for end in self._last_ends)
         slack = 4.0 if self._still > self._rule.patience else 2.0
         near = farthest < slack * self._rule.aligned and widest < slack * self._rule.aligned_rotation
@@ -239,7 +269,8 @@ class Follower:
             self._unstick = None
             self._still = 0
         if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
-            return Command(raised(self._start, self._rule.lift_first + _LIFTING), "lift")
+            above = raised(self._start, self._rule.lift_first + _LIFTING)
+            return Command(above._replace(position=above.position + self._drawn), "lift")
         self._lifted = True
         if self._placing == "trace":
             return self._trace(here, target)

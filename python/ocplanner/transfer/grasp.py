@@ -136,7 +136,8 @@ def close_around(
     grasp = choose_grasp(spec, robot, body.read(), reach)
     hover = settings.hover if spec.hover is None else spec.hover
     _approach(body, grasp, settings.clearance + hover, 3 * settings.near, wide, settings)
-    _approach(body, grasp, settings.clearance, settings.near, wide, settings)
+    steep = settings.steep if spec.hover is not None else np.inf
+    _approach(body, grasp, settings.clearance, settings.near, wide, settings, steep)
     squeeze = robot.squeeze_round_steps if spec.round else robot.squeeze_steps
     _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings, squeeze)
 
@@ -146,12 +147,23 @@ def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bo
     return float(np.linalg.norm(now.grip_point - grip_point)) < settings.held
 
 
-def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, settings: GraspSettings) -> None:
-    """Move above the grasp; the object is watched all along, since the hand may push it."""
+def _approach(
+    body: Body,
+    grasp: Pose,
+    height: float,
+    near: float,
+    wide: float,
+    settings: GraspSettings,
+    steep: float = np.inf,
+) -> None:
+    """Move above the grasp; the object is watched all along, since the hand may push it.
+
+    A hand that is farther than ``steep`` from the vertical through the grasp, metres, does not come down.
+    """
     still, before = 0, body.read().eef.position
     for _ in range(settings.approach_steps):
         target = raised(body.read().object @ grasp, height)
-        now = body.move_hand(target, toward(wide, body.read().opening))
+        now = body.move_hand(_from_above(target, before, steep), toward(wide, body.read().opening))
         moved = float(np.linalg.norm(now.eef.position - before))
         before = now.eef.position
         if (
@@ -163,6 +175,13 @@ def _approach(body: Body, grasp: Pose, height: float, near: float, wide: float, 
         still = still + 1 if moved < settings.still else 0
         if still >= 2 * _STILL_STEPS:  # as near as this arm gets
             return
+
+
+def _from_above(target: Pose, hand: np.ndarray, steep: float) -> Pose:
+    """Where a hand at a position (3,) goes to reach a target from above."""
+    if np.linalg.norm(hand[:2] - target.position[:2]) < steep or hand[2] < target.position[2]:
+        return target
+    return target._replace(position=np.append(target.position[:2], hand[2]))
 
 
 def _close(body: Body, hand: Pose, met: float, robot: RobotSpec, settings: GraspSettings, squeeze: int) -> None:

@@ -22,6 +22,8 @@ class GraspSettings:
     scrape over what the object lies on."""
     near: float = 0.006
     """Distance from the grasp at which the gripper closes."""
+    steep: float = 0.012
+    """Distance from the vertical through the grasp within which the hand comes down between walls."""
     near_rotation: float = 0.1
     """Angle from the grasp at which the gripper closes."""
     slow: float = 0.003
@@ -87,6 +89,8 @@ class FollowSettings:
     """Times of coming free after which an object at rest by the plan's end is let go all the same."""
     release: float = 0.02
     """Horizontal distance from the plan's end within which the object may be released."""
+    meeting: float = 0.05
+    """Distance from the plan's end within which the object may be handed over: the taker looks where it is."""
     retreat: float = 0.12
     """Height gained after the release."""
 

@@ -34,10 +34,11 @@ class TaskPlanners:
         self.task: Task = task_spec(str(first.config["task"]))
         for other in planners[1:]:
             _check_alike(first, other)
+        parts = [part for spec in self.task.objects for part in spec.parts]
         by_object: dict[str, Planner] = {}
         for planner in planners:
             name = str(planner.config["object"])
-            if name not in {spec.name for spec in self.task.objects}:
+            if name not in parts:
                 raise MismatchError(
                     f"{planner.path} plans for the object {name!r}, which {self.task.name} does not have"
                 )
@@ -46,14 +47,14 @@ class TaskPlanners:
                     f"{by_object[name].path} and {planner.path} both plan for {name} of {self.task.name}; name one "
                     "planner an object"
                 )
-        missing = [spec.name for spec in self.task.objects if spec.name not in by_object]
+        missing = [part for part in parts if part not in by_object]
         if missing:
             named = ", ".join(str(planner.path) for planner in planners)
             raise MismatchError(
                 f"{self.task.name} has no planner for {', '.join(missing)} in {named}; name one planner an object, "
                 f"each trained with `ocplanner train-planner --object NAME`"
             )
-        self.planners = tuple(by_object[spec.name] for spec in self.task.objects)
+        self.planners = tuple(by_object[part] for part in parts)
         self.config: Mapping[str, Any] = self.planners[0].config
         self.cameras = tuple(dict.fromkeys(name for planner in self.planners for name in planner.config["cameras"]))
         self.sha256 = "+".join(planner.sha256 for planner in self.planners)
@@ -73,8 +74,8 @@ class TaskPlanners:
 
     @property
     def by_object(self) -> dict[str, Planner]:
-        """The planners by the object that they plan for."""
-        return {spec.name: planner for spec, planner in zip(self.task.objects, self.planners)}
+        """The planners by the object that they plan for, or the part that one arm has in carrying it."""
+        return {str(planner.config["object"]): planner for planner in self.planners}
 
     @property
     def paths(self) -> tuple[Path, ...]:

@@ -1,6 +1,6 @@
 """What a task is: a robosuite environment, the objects that matter in it, and where to hold them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -9,6 +9,8 @@ from ocplanner.errors import UnknownNameError
 from ocplanner.pose import Pose
 
 Placing = Literal["drop", "insert", "trace"]
+PART = ":"
+"""Stands between an object's name and the number of the arm that carries it for a part of the way."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,17 @@ class ObjectSpec:
         hover: height above the grasp, metres, from which the hand comes down on it, where walls stand round it; the
             grasp primitive's own if not given.
         arms: numbers of the arms that carry it; the first takes it and hands it over to the next.
+        ends: where two arms hold it at a time: pairs of what the names of the giver's and of the taker's grasps begin
+            with, far enough from each other for two hands.
         placing: how it gets to where the plan ends, and when it is let go of. ``"drop"``: lined up above that place and
             let down, until it hangs free there. ``"insert"``: in the same way, until it rests there. ``"trace"``: led
             through each pose of the plan, until it rests at the last.
         tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
             if not given.
+        descent: how far below the object its target is while it is let down, metres: how fast. The follower's own
+            number if not given.
+        lift: how far it goes up before it goes aside, and along its own z meanwhile, metres; straight up, by the
+            follower's own number, if not given.
         lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
         way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
@@ -62,8 +70,11 @@ class ObjectSpec:
     let_go: bool = True
     hover: float | None = None
     arms: tuple[int, ...] = (0,)
+    ends: tuple[tuple[str, str], ...] = ()
     placing: Placing = "drop"
     tolerance: tuple[float, float] | None = None
+    descent: float | None = None
+    lift: tuple[float, float] | None = None
     lean: float = 0.0
     withdraw: Literal["up", "back"] = "up"
     way: tuple[tuple[float, float, float], ...] = ()
@@ -78,6 +89,15 @@ class ObjectSpec:
             if candidate.name == name:
                 return candidate
         raise UnknownNameError("grasp", name, (candidate.name for candidate in self.grasps))
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What planners of it are called: its name, or with several arms one name for the part of each, in order."""
+        return (self.name,) if len(self.arms) == 1 else tuple(f"{self.name}{PART}{arm}" for arm in self.arms)
+
+    def held_at(self, end: str) -> "ObjectSpec":
+        """The object with only those of its grasps whose names begin so."""
+        return replace(self, grasps=tuple(grasp for grasp in self.grasps if grasp.name.startswith(end)))
 
 
 @dataclass(frozen=True)

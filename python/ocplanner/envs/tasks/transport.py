@@ -8,7 +8,17 @@ from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
 from ocplanner.pose import Pose
 
 _HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
-_GRIPS = (("head", 0.07), ("upper", 0.03), ("lower", -0.035), ("foot", -0.08))  # from the middle of the handle, m
+_GRIPS = (
+    ("head", 0.07),
+    ("neck", 0.05),
+    ("upper", 0.03),
+    ("lower", -0.035),
+    ("heel", -0.06),
+    ("foot", -0.08),
+)  # from the middle of the handle, m
+_ROOMY = (0.02, 0.3)  # m, rad: bins and table are
+_FAST = 0.03  # m: there is room, and there are three objects to carry in 700 steps
+_OVER_THE_BINS = (0.02, -0.37, 1.07)  # place of the first hand, world, m: some hang beside a bin at first
 _OVER_THE_WALLS = 0.19  # of the bins, 0.15 m high
 
 
@@ -27,12 +37,18 @@ TASK = Task(
             joint="transport_start_bin_lid_joint0",
             grasps=tuple(top_grasp(f"handle-{half}", (0.0, 0.0, _HANDLE), half * pi) for half in range(2)),
             yaw_fold=0,
+            tolerance=_ROOMY,
+            descent=0.02,
+            placing="insert",
+            way=(_OVER_THE_BINS,),
         ),
         ObjectSpec(
             name="trash",
             joint="trash_joint0",
             grasps=tuple(top_grasp(f"sides-{quarter}", (0.0, 0.0, 0.0), quarter * pi / 2) for quarter in range(4)),
             yaw_fold=0,
+            tolerance=_ROOMY,
+            descent=_FAST,
             hover=_OVER_THE_WALLS,
             arms=(1,),
         ),
@@ -46,8 +62,12 @@ TASK = Task(
                 for half, closing in enumerate((1.0, -1.0))
             ),
             yaw_fold=0,
+            tolerance=_ROOMY,
+            descent=_FAST,
             hover=_OVER_THE_WALLS,
             arms=(0, 1),
+            lift=(0.14, -0.02),
+            ends=(("heel", "head"), ("neck", "foot")),
         ),
     ),
     horizon=700,
