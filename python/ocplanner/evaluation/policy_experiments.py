@@ -103,7 +103,7 @@ PLANNER = PlannerExperiment()
 """Makes the hints and rewards: the one that transfers use."""
 
 _CAMERAS = ("agentview", "robot0_eye_in_hand")
-_ALGORITHM_FLAGS = {"bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000", "--save-every", "2000"]}
+_ALGORITHM_FLAGS = {"bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000"]}
 """Of those that are no algorithm's name; a mixture has learned the recorded actions after as many steps as BC."""
 
 

@@ -239,7 +239,8 @@ class _Program:
 
     def _across(self, spec: ObjectSpec, pose_object: Pose) -> np.ndarray:
         """(3, 3) rotation in which the object is handed over, where its plan does not say."""
-        return across(pose_object, *self.ends, self.reaches[self._taker(spec)].base - self.reach.base)
+        given, taken = self.ends
+        return across(pose_object, given, taken, self.reaches[self._taker(spec)].base - self.reach.base)
 
     def _hold(self, place: Pose, until: Callable[[], bool], steps: int) -> None:
         """Keep the closed hand where it is until something has happened, for at most so many steps."""
