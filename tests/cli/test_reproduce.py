@@ -220,7 +220,7 @@ def test_table_1_runs_what_is_missing_and_gathers_it(ran, capsys):
     assert main(["reproduce", "tables", "--table", "1"]) == 2
     assert "--table 1" in capsys.readouterr().err
     assert main(["reproduce", "tables", "--results", "nowhere"]) == 2
-    assert "no nowhere/README.md with tables" in capsys.readouterr().err
+    assert "no page with tables belongs to nowhere" in capsys.readouterr().err
 
 
 def test_table_2_labels_states_and_images_with_rewards(ran):

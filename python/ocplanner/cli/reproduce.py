@@ -165,18 +165,20 @@ class Reproduce:
         console.print(f"drew {draw(number, work, self.images)}", soft_wrap=True)
 
     def _only_tables(self, console: Console) -> None:
-        if not (self.results / "README.md").is_file():
+        if not self._tables(console):
             raise InvalidValueError(
-                f"there is no {self.results / 'README.md'} with tables; run this in a clone of the repository, or name "
-                "another folder of results with --results"
+                f"no page with tables belongs to {self.results}; run this in a clone of the repository, or name another "
+                "folder of results with --results"
             )
-        self._tables(console)
 
-    def _tables(self, console: Console) -> None:
+    def _tables(self, console: Console) -> bool:
+        """Whether there are any."""
         for table in TABLES.values():
             table.write(table.experiments(self.seeds), self.results)
-        for path in write_tables(self.results):
+        pages = write_tables(self.results)
+        for path in pages:
             console.print(f"tables in {path}", soft_wrap=True)
+        return len(pages) > 0
 
 
 COMMAND = Reproduce
