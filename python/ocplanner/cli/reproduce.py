@@ -167,8 +167,8 @@ class Reproduce:
     def _only_tables(self, console: Console) -> None:
         if not self._tables(console):
             raise InvalidValueError(
-                f"no page with tables belongs to {self.results}; run this in a clone of the repository, or name another "
-                "folder of results with --results"
+                f"no page with tables belongs to {self.results}; run this in a clone of the repository, or name "
+                "another folder of results with --results"
             )
 
     def _tables(self, console: Console) -> bool:
