@@ -48,7 +48,7 @@ def test_success_rates_show_counts_and_intervals(write_result):
 def test_failures_are_counted_by_class(write_result):
     figure = plots.failure_matrix(group_results(read_results(write_result(failures=("slip",) * 5 + ("time-out",) * 3))))
     shown = [text.get_text() for text in figure.axes[0].texts]
-    assert shown == ["0", "0", "5", "0", "0", "0", "3"]
+    assert shown == ["0", "0", "0", "5", "0", "0", "0", "3"]
 
 
 def test_the_latent_map_has_one_dot_a_step_and_one_line_a_demonstration():
