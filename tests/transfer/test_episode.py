@@ -10,7 +10,8 @@ from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
 from ocplanner.pose import Pose
-from ocplanner.transfer.episode import FAILURES, run_episode
+from ocplanner.transfer.episode import run_episode
+from ocplanner.transfer.result import FAILURES
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 from peg_plans import plan_to_peg

@@ -12,6 +12,7 @@ from ocplanner.cli.report import Report
 from ocplanner.cli.train_planner import TrainPlanner
 from ocplanner.cli.transfer import Transfer
 from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.planner.planner import FILE_NAME
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Demo:
 
         console.rule("4/6 the object-centric planner")
         run = self.out / "planner"
-        planner = run / "planner.safetensors"
+        planner = run / FILE_NAME
         if not planner.exists():
             vae, predictor, finetune = self.stages or (None, None, None)
             TrainPlanner(

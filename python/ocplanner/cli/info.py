@@ -16,11 +16,12 @@ from safetensors import SafetensorError, safe_open
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
+from ocplanner.planner.planner import FILE_NAME
 
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
 
-_TRAINED = ("planner.safetensors", "policy.safetensors")
+_TRAINED = (FILE_NAME, "policy.safetensors")
 """What a finished training leaves in its run folder."""
 
 Facts = dict[str, Any]

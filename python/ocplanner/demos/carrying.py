@@ -7,12 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocplanner import _core
-from ocplanner.demos.arms import Hands
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Body, Reading
 from ocplanner.transfer.grasp import close_around, is_held, take_hold
+from ocplanner.transfer.hands import Hands
 from ocplanner.transfer.settings import GraspSettings
 from ocplanner.transfer.symmetry import angle_between
 

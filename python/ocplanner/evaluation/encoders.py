@@ -10,7 +10,7 @@ import numpy as np
 
 from ocplanner.evaluation import held_out, reproduction
 from ocplanner.planner.config import EncoderType, Pool
-from ocplanner.planner.planner import Planner
+from ocplanner.planner.planner import FILE_NAME, Planner
 from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 
@@ -73,7 +73,7 @@ def train_encoders(experiments: Iterable[EncoderExperiment], work: Path, workers
 
     def train(experiment: EncoderExperiment) -> EncoderExperiment:
         run = work / "encoders" / experiment.name
-        if not (run / "planner.safetensors").exists():
+        if not (run / FILE_NAME).exists():
             arguments = [
                 "train-planner",
                 "--data",
@@ -99,13 +99,13 @@ def write(experiments: Iterable[EncoderExperiment], work: Path, results: Path, c
         PlannerFileError: a planner is damaged.
         OutputError: the file cannot be written.
     """
-    done = [item for item in experiments if (work / "encoders" / item.name / "planner.safetensors").exists()]
-    planners = [Planner.load(work / "encoders" / item.name / "planner.safetensors") for item in done]
+    done = [item for item in experiments if (work / "encoders" / item.name / FILE_NAME).exists()]
+    planners = [Planner.load(work / "encoders" / item.name / FILE_NAME) for item in done]
     rows = []
     for experiment, milliseconds in zip(done, _time(planners), strict=True):
         run = work / "encoders" / experiment.name
         errors = next(row for row in held_out.final_rows(run) if row["kept"] and row["appearance"] == "source")
-        size = (run / "planner.safetensors").stat().st_size
+        size = (run / FILE_NAME).stat().st_size
         rows.append({"name": experiment.name, **asdict(experiment), "bytes": size, "plan_ms": milliseconds, **errors})
     content = {"command": command, "data": "Square PH, mask/valid", "versions": installed(), "rows": rows}
     atomic_json(results / NAME, content)

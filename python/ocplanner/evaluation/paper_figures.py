@@ -12,7 +12,7 @@ from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError
 from ocplanner.evaluation import reproduction
 from ocplanner.evaluation.experiments import PlannerExperiment
-from ocplanner.planner.planner import Planner
+from ocplanner.planner.planner import FILE_NAME, Planner
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.planner_figures import planner_figures
 from ocplanner.report.plots import loss_curves
@@ -53,7 +53,7 @@ class FigureWork:
         """The run folder of one training, which is done, or gone on with, if it is not finished."""
         experiment = self._experiment(horizon)
         folder = self.work / (experiment.name if self.preset == "cpu" else f"{experiment.name}_{self.preset}")
-        if not (folder / "planner.safetensors").exists():
+        if not (folder / FILE_NAME).exists():
             for _ in reproduction.render_images([experiment], self.data, self.work, self.workers):
                 pass
             data = reproduction.images(self.work, experiment.observe)
@@ -66,7 +66,7 @@ class FigureWork:
     def planner(self, horizon: int) -> Path:
         """A planner file: the committed one, or that of a training."""
         committed = self._experiment(horizon).file(self.results)
-        return committed if self.preset == "cpu" and committed.exists() else self.run(horizon) / "planner.safetensors"
+        return committed if self.preset == "cpu" and committed.exists() else self.run(horizon) / FILE_NAME
 
     def held_out(self) -> Path:
         """Ten held-out demonstrations with the planner's images, in a file of their own.

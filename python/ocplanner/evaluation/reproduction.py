@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ocplanner.errors import OutputError
 from ocplanner.evaluation.experiments import PlannerExperiment, TransferExperiment
+from ocplanner.planner.planner import FILE_NAME
 from ocplanner.storage import atomic_write
 
 
@@ -47,7 +48,7 @@ def render_images(experiments: Iterable[PlannerExperiment], data: Path, work: Pa
 def train(experiment: PlannerExperiment, work: Path) -> PlannerExperiment:
     """Train one planner, unless its run is finished."""
     run = work / experiment.name
-    if not (run / "planner.safetensors").exists():
+    if not (run / FILE_NAME).exists():
         flags = ["--horizon", str(experiment.horizon), "--outputs", experiment.outputs, "--observe", experiment.observe]
         if experiment.channels:
             flags += ["--channels", *map(str, experiment.channels)]
@@ -61,7 +62,7 @@ def publish(experiment: PlannerExperiment, work: Path, results: Path) -> None:
     """Copy a trained planner into the results, if it is one that transfers run."""
     if experiment.transferred:
         with atomic_write(experiment.file(results)) as temporary:
-            shutil.copyfile(work / experiment.name / "planner.safetensors", temporary)
+            shutil.copyfile(work / experiment.name / FILE_NAME, temporary)
 
 
 def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes: int, workers: int) -> str:

@@ -9,18 +9,7 @@ from typing import Any
 
 from ocplanner.errors import ResultFileError
 from ocplanner.transfer.pose_error import PoseError
-
-FAILURES = (
-    "missed grasp",
-    "lost grasp",
-    "not handed over",
-    "slip",
-    "stuck in transit",
-    "not aligned",
-    "not released",
-    "time-out",
-)
-"""The classes of failed episodes, in the order in which an episode meets them."""
+from ocplanner.transfer.result import FAILURES
 
 _REQUIRED = ("task", "robot", "follow", "observe", "episodes", "successes", "interval", "runs")
 

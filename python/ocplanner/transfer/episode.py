@@ -8,28 +8,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.demos.arms import Hands
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import OPEN, Arm, Body, HorizonReached, Reading, raised
 from ocplanner.transfer.follower import Follower
-from ocplanner.transfer.grasp import close_around, is_held, open_fingers, opening_before, take_hold, toward
+from ocplanner.transfer.grasp import close_around, hover_over, is_held, open_fingers, opening_before, take_hold, toward
 from ocplanner.transfer.hand_over import across, ends_for_hands, ready_beside
+from ocplanner.transfer.hands import Hands
 from ocplanner.transfer.settings import TransferSettings
 from ocplanner.transfer.symmetry import angle_between
 
-FAILURES = (
-    "missed grasp",
-    "lost grasp",
-    "not handed over",
-    "slip",
-    "stuck in transit",
-    "not aligned",
-    "not released",
-    "time-out",
-)
 _SWINGING, _RESTING = 60, 2e-5  # steps, m a step: an object that was let go of
 _LEAVING, _AWAY = 30, 0.06  # steps, m: a hand that has given something away goes up; from where it is out of the way
 _NEAR, _NEAR_ROTATION = 0.02, 0.15  # m, rad: the open hand has come to a place that it passes
@@ -61,7 +51,7 @@ class Episode:
         success: the object is at the goal, and the follower itself ended the episode: by letting go, or by keeping
             the object up where the task wants that.
         steps: control steps used.
-        failure: one of :data:`FAILURES`, or None.
+        failure: one of :data:`ocplanner.transfer.result.FAILURES`, or None.
         released_by: ``"follower"``, or None if it never let go (nor kept the object where that is the end).
         trace: the steps.
         failed_with: the object in play when a task with several objects failed, or None.
@@ -176,7 +166,7 @@ class _Program:
             nexts = [spec for spec in later if spec.arms[0] == arm]
             if nexts:
                 lying = self.env.object_pose(nexts[0].name).position
-                hover = nexts[0].hover or self.settings.grasp.hover
+                hover = hover_over(nexts[0], self.settings.grasp)
                 place = place._replace(position=np.array([*lying[:2], max(place.position[2], lying[2] + hover)]))
             self.hands.wait_at(place, arm, rising=True)
 

@@ -108,6 +108,11 @@ def take_hold(
     return None
 
 
+def hover_over(spec: ObjectSpec, settings: GraspSettings) -> float:
+    """Height above the grasp from which the hand comes down, metres."""
+    return settings.hover if spec.hover is None else spec.hover
+
+
 def opening_before(spec: ObjectSpec, robot: RobotSpec) -> float:
     """Gap to which the fingers open before a grasp, metres."""
     widths = [grasp.width for grasp in spec.grasps]
@@ -134,8 +139,7 @@ def close_around(
     for _ in range(settings.settle_steps):
         body.wait(toward(wide, body.read().opening))
     grasp = choose_grasp(spec, robot, body.read(), reach)
-    hover = settings.hover if spec.hover is None else spec.hover
-    _approach(body, grasp, settings.clearance + hover, 3 * settings.near, wide, settings)
+    _approach(body, grasp, settings.clearance + hover_over(spec, settings), 3 * settings.near, wide, settings)
     steep = settings.steep if spec.hover is not None else np.inf
     _approach(body, grasp, settings.clearance, settings.near, wide, settings, steep)
     squeeze = robot.squeeze_round_steps if spec.round else robot.squeeze_steps

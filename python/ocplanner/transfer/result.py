@@ -11,6 +11,18 @@ from ocplanner.evaluation.intervals import wilson
 from ocplanner.storage import atomic_json
 from ocplanner.transfer.pose_error import PoseError
 
+FAILURES = (
+    "missed grasp",
+    "lost grasp",
+    "not handed over",
+    "slip",
+    "stuck in transit",
+    "not aligned",
+    "not released",
+    "time-out",
+)
+"""The classes of failed episodes, in the order in which an episode meets them."""
+
 
 @dataclass(frozen=True)
 class Run:

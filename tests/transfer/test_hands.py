@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from ocplanner import _core
-from ocplanner.demos.arms import Hands
 from ocplanner.envs.environment import make_env
 from ocplanner.pose import Pose
 from ocplanner.transfer.body import CLOSE, OPEN
+from ocplanner.transfer.hands import Hands
 
 
 @pytest.fixture(scope="module")
