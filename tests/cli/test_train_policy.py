@@ -10,6 +10,7 @@ from ocplanner.cli import main
 from ocplanner.cli.train_policy import TrainPolicy
 from ocplanner.errors import InvalidValueError
 from ocplanner.policies.config import HintConfig, preset
+from ocplanner.policies.train import train_policy
 
 GMM = {"gmm": {"enabled": True}}
 
@@ -55,6 +56,33 @@ def test_the_sampler_is_bcqs():
     assert parsed("--algorithm", "bcq", "--sampler", "vae").configuration() == base
     with pytest.raises(InvalidValueError, match="--sampler is for --algorithm bcq alone"):
         parsed("--sampler", "gmm").configuration()
+
+
+def test_a_trained_policy_brings_what_is_seen_and_the_networks(tiny_square, tmp_path):
+    short = ["--cameras", "agentview", "--observations", "image", "--steps", "1", "--batch", "4"]
+    trained = train_policy(parsed(*short).configuration(), tiny_square(images=True), tmp_path / "bc")
+    above = ["--algorithm", "bcq", "--sampler-from", str(trained)]
+    policy, base = Policy.load(trained), preset("cpu", "bcq", "image")
+    config = parsed(*above, "--seed", "4").configuration()
+    assert base.bcq is not None
+    bcq = replace(base.bcq, sampler="policy", sampler_sha256=policy.sha256, rollout_proposals=10)
+    assert config == replace(
+        base,
+        observation=policy.training.observation,
+        network=policy.training.network,
+        bcq=bcq,
+        steps=10_000,
+        batch=100,
+        save_every=1000,
+        seed=4,
+    )
+    published = parsed(*above, "--preset", "robomimic").configuration()
+    assert (published.steps, published.batch, published.bcq.critic_learning_rate) == (300_000, 16, 1e-3)
+    for flags in ("--sampler gmm", "--observations state", "--low-dim a", "--cameras a", "--kl-weight 1"):
+        with pytest.raises(InvalidValueError, match=f"{flags.split()[0]} and --sampler-from both decide"):
+            parsed(*above, *flags.split()).configuration()
+    with pytest.raises(InvalidValueError, match="--sampler-from is for --algorithm bcq alone"):
+        parsed("--sampler-from", str(trained)).configuration()
 
 
 def test_a_robomimic_configuration_decides_and_flags_override(tmp_path):

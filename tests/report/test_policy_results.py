@@ -17,7 +17,8 @@ def cells_of(*paths):
 def test_policies_are_named_by_what_they_are(write_evaluation):
     images = to_dict(random_training("bc-rnn", (1, 5), ("agentview",)))
     assert policy_kind(images) == PolicyKind("BC-RNN", "image", "k = 1, 5")
-    assert policy_kind({"algorithm": "bcq", "bcq": {"sampler": "gmm"}}).algorithm == "BCQ-GMM"
+    for sampler, name in {"vae": "BCQ", "gmm": "BCQ-GMM", "policy": "BCQ-BC"}.items():
+        assert policy_kind({"algorithm": "bcq", "bcq": {"sampler": sampler}}).algorithm == name
     kind = read_evaluation(write_evaluation("a", hint=(5,), origin="plan")).kind
     assert str(kind) == "BC, state, hint k = 5 from the plan"
     assert str(read_evaluation(write_evaluation("b")).kind) == "BC, state, no hint"

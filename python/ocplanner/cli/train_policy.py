@@ -4,12 +4,12 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from ocplanner.errors import InvalidValueError
-from ocplanner.policies.bcq_config import BCQConfig, Sampler
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import (
     Algorithm,
     HintConfig,
@@ -71,8 +71,11 @@ class TrainPolicy:
     """Samples or sequences a step instead of the preset's, over all processes together."""
     learning_rate: float | None = None
     """Instead of the preset's; of bcq its sampler's."""
-    sampler: Sampler | None = None
+    sampler: Literal["vae", "gmm"] | None = None
     """What proposes actions to bcq's critics. vae (the default), or gmm: a mixture as bc has it."""
+    sampler_from: Path | None = None
+    """Policy file of bc that proposes to bcq's critics and stays as it is; what is seen and the networks are that
+    policy's. Only critics are trained, in minutes, so several rewards can be tried above one policy."""
     kl_weight: float | None = None
     """Of bcq's action VAE instead of the preset's: the smaller, the more its proposals differ."""
     ema: float | None = None
@@ -111,11 +114,16 @@ class TrainPolicy:
         data = self.data or (given.data if given is not None else None)
         if data is None:
             raise InvalidValueError("no data set is named; give --data")
-        policy = train_policy(self._resolved(given), data, self.run_folder, self.processes)
+        policy = train_policy(self._resolved(given), data, self.run_folder, self.processes, self.sampler_from)
         if first:
             sys.stdout.write(f"{policy}\n")
 
     def _robomimic(self) -> "RobomimicConfig | None":
+        if self.sampler_from is not None:
+            for flag in ("config", "observations", "low_dim", "cameras", "sampler", "kl_weight"):
+                plain = flag.replace("_", "-")
+                require(getattr(self, flag) is None, f"--{plain} and --sampler-from both decide the network; drop one")
+            require(self.algorithm == "bcq", "--sampler-from is for --algorithm bcq alone")
         if self.config is None:
             return None
         from ocplanner.policies.robomimic_config import read_robomimic_config
@@ -151,6 +159,11 @@ class TrainPolicy:
         )
 
     def _preset(self) -> PolicyTraining:
+        if self.sampler_from is not None:
+            from ocplanner.policies.above_policy import above_policy
+            from ocplanner.policies.policy import Policy
+
+            return above_policy(Policy.load(self.sampler_from), self.preset or "cpu")
         return preset(self.preset or "cpu", self.algorithm or "bc", self.observations or "state")
 
     def _hint(self, base: HintConfig | None) -> HintConfig | None:

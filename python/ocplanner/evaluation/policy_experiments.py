@@ -102,8 +102,13 @@ VARIANTS: dict[str, HintKind | RewardKind] = {
 PLANNER = PlannerExperiment()
 """Makes the hints and rewards: the one that transfers use."""
 
+POLICY = "policy.safetensors"
+"""What a training's run folder ends with."""
 _CAMERAS = ("agentview", "robot0_eye_in_hand")
-_ALGORITHM_FLAGS = {"bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000"]}
+_ALGORITHM_FLAGS = {
+    "bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000"],
+    "bcq-bc": ["--algorithm", "bcq"],
+}
 """Of those that are no algorithm's name; a mixture has learned the recorded actions after as many steps as BC."""
 
 
@@ -112,7 +117,8 @@ class PolicyExperiment:
     """One policy to train on ``mask/train`` of Square PH with the ``cpu`` preset, and to evaluate.
 
     Attributes:
-        algorithm: ``bc``, ``bc-rnn``, ``bcq``, or ``bcq-gmm``: BCQ with a mixture in the VAE's place.
+        algorithm: ``bc``, ``bc-rnn``, ``bcq``, ``bcq-gmm``: BCQ with a mixture in the VAE's place, or ``bcq-bc``: BCQ's
+            critics above the policy that ``bc`` trains with the same seed.
         observations: ``state`` or ``image``.
         variant: one of :data:`VARIANTS`, or "" for the recorded data alone.
         seed: of the training.
@@ -132,8 +138,21 @@ class PolicyExperiment:
     def training_flags(self) -> list[str]:
         """Of ``ocplanner train-policy``."""
         algorithm = _ALGORITHM_FLAGS.get(self.algorithm, ["--algorithm", self.algorithm])
+        seen = ["--observations", self.observations] if self.sampler is None else []
         added = [] if self.kind is None else self.kind.training_flags
-        return [*algorithm, "--observations", self.observations, "--seed", str(self.seed), *added]
+        return [*algorithm, *seen, "--seed", str(self.seed), *added]
+
+    @property
+    def evaluation_flags(self) -> list[str]:
+        """Of ``ocplanner evaluate``: how many of the last checkpoints, where not all."""
+        if self.sampler is not None:
+            return ["--last", "2"]
+        return ["--last", "5"] if self.observations == "image" else []
+
+    @property
+    def sampler(self) -> "PolicyExperiment | None":
+        """The policy that proposes actions to critics, where one is trained beforehand."""
+        return PolicyExperiment("bc", self.observations, seed=self.seed) if self.algorithm == "bcq-bc" else None
 
     @property
     def kind(self) -> HintKind | RewardKind | None:
@@ -159,6 +178,8 @@ def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
     cells += [("bcq", "image", reward) for reward in ("", "only-exp", "augment-exp", "only", "augment")]
     cells += [("bcq", "state", reward) for reward in ("only-exp", "only", "only-literal")]
     cells += [("bcq-gmm", "state", reward) for reward in ("", "only-exp")]
+    above = ("", "augment-exp", "only-exp", "augment", "only", "only-literal")
+    cells += [("bcq-bc", observations, reward) for observations in ("state", "image") for reward in above]
     return tuple(PolicyExperiment(*cell, seed) for seed in seeds for cell in cells)
 
 
@@ -195,24 +216,29 @@ def make_data(
         yield labelled.name
 
 
+def train(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
+    """Train a policy, unless it is there; its run folder. The one that proposes to critics must be there already."""
+    run = work / experiment.name
+    if not (run / POLICY).exists():
+        flags = ["--data", str(data(experiment, source, work)), "--run", str(run), *experiment.training_flags]
+        if experiment.sampler is not None:
+            flags += ["--sampler-from", str(work / experiment.sampler.name / POLICY)]
+        reproduction.run_command(["train-policy", *flags], _log(experiment, work))
+    return run
+
+
 def train_and_evaluate(
     experiment: PolicyExperiment, source: Path, work: Path, results: Path, episodes: int
 ) -> PolicyExperiment:
-    """Train a policy and evaluate its checkpoints, unless its result is there; images: the last five checkpoints."""
+    """Train a policy and evaluate its checkpoints, unless its result is there."""
     out = experiment.result(results)
     if out.exists():
         return experiment
-    run, log = work / experiment.name, work / "logs" / f"{experiment.name}.log"
-    kind = experiment.kind
-    if not (run / "policy.safetensors").exists():
-        where = ["--data", str(data(experiment, source, work)), "--run", str(run)]
-        reproduction.run_command(["train-policy", *where, *experiment.training_flags], log)
-    flags = ["--episodes", str(episodes), "--out", str(out)]
-    if experiment.observations == "image":
-        flags += ["--last", "5"]
-    if isinstance(kind, HintKind):
+    run = train(experiment, source, work)
+    flags = ["--episodes", str(episodes), "--out", str(out), *experiment.evaluation_flags]
+    if isinstance(experiment.kind, HintKind):
         flags += ["--planner", str(PLANNER.file(results))]
-    reproduction.run_command(["evaluate", "--policy", str(run), *flags], log)
+    reproduction.run_command(["evaluate", "--policy", str(run), *flags], _log(experiment, work))
     return experiment
 
 
@@ -220,5 +246,13 @@ def run_all(
     experiments: Iterable[PolicyExperiment], source: Path, work: Path, results: Path, episodes: int, workers: int
 ) -> Iterator[PolicyExperiment]:
     """Train and evaluate policies side by side, one thread each; yields each when it and those before it are done."""
+    wanted = tuple(experiments)
+    samplers = dict.fromkeys(one.sampler for one in wanted if one.sampler and not one.result(results).exists())
     with ThreadPoolExecutor(workers) as pool:
-        yield from pool.map(lambda one: train_and_evaluate(one, source, work, results, episodes), experiments)
+        for _ in pool.map(lambda one: train(one, source, work), [one for one in samplers if one is not None]):
+            pass
+        yield from pool.map(lambda one: train_and_evaluate(one, source, work, results, episodes), wanted)
+
+
+def _log(experiment: PolicyExperiment, work: Path) -> Path:
+    return work / "logs" / f"{experiment.name}.log"

@@ -17,9 +17,9 @@ from ocplanner.policies.observation import Observation, ObservationEncoder
 
 def make_sampler(config: PolicyTraining, bcq: BCQConfig, low_dim: int, actions: int) -> "ActionVAE | ActionGmm":
     """The sampler that a configuration names."""
-    if bcq.sampler == "gmm":
-        return ActionGmm(config, low_dim, actions)
-    return ActionVAE(config, bcq, low_dim, actions)
+    if bcq.sampler == "vae":
+        return ActionVAE(config, bcq, low_dim, actions)
+    return (TrainedPolicy if bcq.sampler == "policy" else ActionGmm)(config, low_dim, actions)
 
 
 class ActionVAE(nn.Module):
@@ -95,6 +95,35 @@ class ActionGmm(nn.Module):
     def __call__(self, *args: Any, **kwargs: Any) -> dict[str, Tensor]:
         """See :meth:`forward`."""
         return super().__call__(*args, **kwargs)
+
+
+class TrainedPolicy(ActionGmm):
+    """A policy that BC trained before; nothing in it changes, and observations are encoded once for it and the critics.
+
+    :meth:`propose` is given what :meth:`encode` made of an observation.
+    """
+
+    def __init__(self, config: PolicyTraining, low_dim: int, actions: int) -> None:
+        super().__init__(config, low_dim, actions)
+        self.requires_grad_(False).eval()
+
+    @property
+    def width(self) -> int:
+        """How many features :meth:`encode` makes of an observation."""
+        return self.actor.encoder.features
+
+    def encode(self, observation: Observation) -> Observation:
+        """The same observation, its numbers the features that the policy's own layers read."""
+        return Observation(self.actor.encode(observation), {}, None)
+
+    def propose(self, observation: Observation, noise: Tensor) -> Tensor:
+        """(B, n, A) actions of B encoded observations; otherwise as in :class:`ActionGmm`."""
+        features, _ = self.actor.features(observation.low_dim, None)
+        return self.actor.head(features).at(noise, self._low_noise)
+
+    def train(self, mode: bool = True) -> "TrainedPolicy":  # noqa: ARG002
+        """Stay as in rollouts: statistics of batch normalisation do not move."""
+        return super().train(False)
 
 
 def layers(inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:

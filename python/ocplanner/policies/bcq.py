@@ -3,14 +3,15 @@
 A sampler, conditioned on the observation, proposes actions like the recorded ones; critics choose among them.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from ocplanner.policies.action_samplers import layers, make_sampler
+from ocplanner.policies.action_samplers import TrainedPolicy, layers, make_sampler
 from ocplanner.policies.bcq_config import BCQConfig
-from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.config import ObservationConfig, PolicyTraining
 from ocplanner.policies.observation import Observation, ObservationEncoder
 
 
@@ -53,16 +54,23 @@ class Critics(nn.Module):
 
 
 class BCQ(nn.Module):
-    """What acts: a sampler of actions and critics."""
+    """What acts: a sampler of actions and critics. Both are given what :meth:`encode` makes of an observation."""
 
     def __init__(self, config: PolicyTraining, low_dim: int, actions: int) -> None:
         super().__init__()
         self.config = config.bcq or BCQConfig()
         self.sampler = make_sampler(config, self.config, low_dim, actions)
+        if isinstance(self.sampler, TrainedPolicy):
+            config, low_dim = replace(config, observation=ObservationConfig(normalise=True)), self.sampler.width
         self.critics = Critics(config, self.config, low_dim, actions)
+
+    def encode(self, observation: Observation) -> Observation:
+        """The observation, or where a trained policy proposes, the features that it sees."""
+        return self.sampler.encode(observation) if isinstance(self.sampler, TrainedPolicy) else observation
 
     def act(self, observation: Observation, memory: None, generator: torch.Generator) -> tuple[Tensor, None]:
         """(B, A): of the sampler's proposals the one that the first critic values most, as in robomimic; no memory."""
+        observation = self.encode(observation)
         shape = (len(observation.low_dim), self.config.rollout_proposals, self.sampler.noise)
         proposals = self.sampler.propose(observation, torch.randn(shape, generator=generator))
         best = self.critics.members[0](observation, proposals).argmax(dim=1)

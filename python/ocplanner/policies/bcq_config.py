@@ -5,7 +5,7 @@ from typing import Literal
 
 from ocplanner.settings import require, require_choice
 
-Sampler = Literal["vae", "gmm"]
+Sampler = Literal["vae", "gmm", "policy"]
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,25 @@ class BCQConfig:
     latent: int = 14
     kl_weight: float = 0.05
     sampler: Sampler = "vae"
-    """gmm: the policy of BC, with its layers and mixture, as in robomimic's ``BCQ_GMM``."""
+    """gmm: the policy of BC, with its layers and mixture, as in robomimic's ``BCQ_GMM``. policy: one that BC trained
+    before, which stays as it is; the critics read the features that it sees."""
+    sampler_sha256: str | None = None
+    """Hash of that policy's file; None for the others."""
 
-    def proposing(self, sampler: Sampler) -> "BCQConfig":
-        """The same with this sampler. From a mixture a rollout's step chooses among as few actions as a target.
+    def proposing(self, sampler: Sampler, sha256: str | None = None) -> "BCQConfig":
+        """The same with this sampler, if it is a trained policy the one whose file has this hash.
 
-        Among a hundred there is one of every mode, however improbable, and critics overvalue what they have not seen.
+        From a mixture a rollout chooses among as few actions as a target: among a hundred there is one of every mode,
+        however improbable, and critics overvalue what they have not seen.
         """
         chosen = self.rollout_proposals if sampler == "vae" else self.proposals
-        return replace(self, sampler=sampler, rollout_proposals=chosen)
+        return replace(self, sampler=sampler, sampler_sha256=sha256, rollout_proposals=chosen)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         require_choice("sampler", self.sampler, Sampler)
+        named = self.sampler_sha256 is not None
+        require(named == (self.sampler == "policy"), "the hash of a policy's file belongs to the sampler policy alone")
         counts = (*self.critic_hidden, *self.vae_hidden, self.critics, self.proposals, self.rollout_proposals)
         require(min(*counts, self.latent) >= 1, "layer widths, critics, proposals and latent must be at least 1")
         require(self.critic_learning_rate > 0, f"critic learning rate {self.critic_learning_rate} must be positive")

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor
 
+from ocplanner.errors import DatasetError
 from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.bcq import BCQ, target_values
 from ocplanner.policies.config import PolicyTraining
@@ -30,11 +32,12 @@ class BatchConstrainedQ:
         self.fabric, self.config, self.network = fabric, config, network
         self._bcq = network.config
         self._targets = copy.deepcopy(network.critics).requires_grad_(False).eval()
-        self._sampler, self._critics = fabric.setup_module(network.sampler), fabric.setup_module(network.critics)
-        self._sampler_update = Optimisation(network.sampler, config, partial(rate, config), config.clip)
+        self._critics = fabric.setup_module(network.critics)
         critic_rate = partial(rate, config, base=self._bcq.critic_learning_rate)
-        self._critic_update = Optimisation(network.critics, config, critic_rate, config.clip)
-        self._parts = {"sampler": self._sampler_update, "critics": self._critic_update}
+        self._parts = {"critics": Optimisation(network.critics, config, critic_rate, config.clip)}
+        if self._bcq.sampler != "policy":
+            self._sampler = fabric.setup_module(network.sampler)
+            self._parts["sampler"] = Optimisation(network.sampler, config, partial(rate, config), config.clip)
 
     def step(self, samples: Samples, rows: np.ndarray, step: int) -> dict[str, Tensor]:
         """One update of everything."""
@@ -44,12 +47,14 @@ class BatchConstrainedQ:
         # Drawn for the whole batch, so that the number of processes does not change it.
         noise = self._noise(len(rows), (2, step))[share]
         self.network.train()
-        imitated = self._sampler(batch.observation, batch.actions, noise[:, 0])
-        self._sampler_update.step(imitated["loss"], step, fabric.backward)
+        imitated: dict[str, Tensor] = {}
+        if "sampler" in self._parts:
+            imitated = self._sampler(batch.observation, batch.actions, noise[:, 0])
+            self._parts["sampler"].step(imitated["loss"], step, fabric.backward)
         self.network.sampler.eval()
         targets = self._target(batch, noise[:, 1:])
         losses, values = self._critics(batch.observation, batch.actions, targets)
-        self._critic_update.step(losses.sum(), step, fabric.backward)
+        self._parts["critics"].step(losses.sum(), step, fabric.backward)
         self._follow()
         return _seen(imitated, losses, values)
 
@@ -62,7 +67,8 @@ class BatchConstrainedQ:
                 rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
                 batch = samples.transition_batch(rows, self.config, self.fabric.device, None)
                 noise = self._noise(len(rows), (3, start))
-                imitated = self.network.sampler(batch.observation, batch.actions, noise[:, 0])
+                learns = "sampler" in self._parts
+                imitated = self.network.sampler(batch.observation, batch.actions, noise[:, 0]) if learns else {}
                 targets = self._target(batch, noise[:, 1:])
                 losses, values = self.network.critics(batch.observation, batch.actions, targets)
                 for name, value in _seen(imitated, losses, values).items():
@@ -112,10 +118,26 @@ class BatchConstrainedQ:
         return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(self.fabric.device)
 
 
+def encoded(samples: Samples, config: PolicyTraining, network: BCQ, device: torch.device) -> Samples:
+    """The samples with the features that a trained policy sees, from central crops, in place of what was recorded."""
+    after = samples.transitions
+    if after is None:
+        raise DatasetError("these samples were read without what follows them")
+    here, following = [], []
+    with torch.no_grad():
+        for start in range(0, len(samples), EVALUATION_BATCH):
+            rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
+            batch = samples.transition_batch(rows, config, device, None)
+            here.append(network.encode(batch.observation).low_dim.cpu())
+            following.append(network.encode(batch.next_observation).low_dim.cpu())
+    after = replace(after, next_low_dim=torch.cat(following), last_images={})
+    return replace(samples, low_dim=torch.cat(here), images={}, transitions=after)
+
+
 def _seen(imitated: dict[str, Tensor], losses: Tensor, values: Tensor) -> dict[str, Tensor]:
     """What is reported; ``loss`` is the sum that robomimic reports."""
     return {
-        "loss": (imitated["loss"] + losses.sum()).detach(),
+        "loss": (imitated.get("loss", 0.0) + losses.sum()).detach(),
         **{name: value.detach() for name, value in imitated.items() if name != "loss"},
         "critic_loss": losses.mean().detach(),
         "mean_q": values.mean().detach(),

@@ -222,7 +222,7 @@ def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
     state = kind == "state"
     steps, image_batch = _CPU_IMAGE[algorithm]
     if state:
-        steps = 100_000 if algorithm == "bcq" else 20_000
+        steps = 30_000 if algorithm == "bcq" else 20_000
     return PolicyTraining(
         algorithm,
         "cpu",

@@ -34,5 +34,6 @@ def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
     with torch.inference_mode():
         for start in range(0, len(samples), EVALUATION_BATCH):
             rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
-            values.append(network.critics.values(*samples.batch(rows, config, torch.device("cpu"), None)))
+            observation, actions = samples.batch(rows, config, torch.device("cpu"), None)
+            values.append(network.critics.values(network.encode(observation), actions))
     return torch.cat(values, dim=1).numpy()

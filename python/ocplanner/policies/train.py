@@ -26,16 +26,19 @@ from ocplanner.planner.config import to_dict
 from ocplanner.planner.optimisation import BatchOrder
 from ocplanner.planner.progress import Progress
 from ocplanner.planner.run_folder import RunFolder
+from ocplanner.policies.above_policy import check_recorded
+from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.bcq import BCQ
-from ocplanner.policies.bcq_learning import BatchConstrainedQ
+from ocplanner.policies.bcq_learning import BatchConstrainedQ, encoded
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples, check_horizons, load_samples
 from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
-from ocplanner.policies.policy import save_policy
+from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
+from ocplanner.settings import require
 from ocplanner.storage import locked
 from ocplanner.versions import installed
 
@@ -52,7 +55,9 @@ class Recorded(NamedTuple):
     about: dict[str, Any]
 
 
-def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int = 1) -> Path:
+def train_policy(
+    config: PolicyTraining, data: Path, run: Path, processes: int = 1, sampler: Path | None = None
+) -> Path:
     """Train on a robomimic data set and write ``run/policy.safetensors``.
 
     Under ``torchrun`` the processes are those that it started, on one machine or several, and ``processes`` is ignored.
@@ -62,13 +67,15 @@ def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int =
         data: a robomimic HDF5; hints come from ``ocplanner label``, images from ``ocplanner render``.
         run: run folder, made when absent; on several machines it must be shared.
         processes: training processes on this machine: one a GPU, or CPU processes.
+        sampler: file of the policy that proposes, if ``config`` is that of
+            :func:`ocplanner.policies.above_policy.above_policy`.
 
     Returns:
         The policy file's path: the last weights (averaged ones with ``ema``). Earlier ones are in ``run/policies``.
 
     Raises:
         DatasetError: the data set is damaged or lacks an observation.
-        MismatchError: it was labelled with hints of other horizons.
+        MismatchError: it was labelled with hints of other horizons, or is of other actions than the sampler's.
         TrainingError: a loss is not finite, a process died, or the run folder belongs to another training.
         InvalidValueError: the batch cannot be shared out evenly, or the device cannot be used.
         OutputError: the folder cannot be written, or another process trains in it.
@@ -79,7 +86,7 @@ def train_policy(config: PolicyTraining, data: Path, run: Path, processes: int =
         raise InvalidValueError(f"a batch of {config.batch} cannot be shared evenly by {world} processes; change one")
     fabric = _fabric(config, processes, elastic)
     try:
-        outcome = fabric.launch(partial(_process, config=config, data=data, run=run))
+        outcome = fabric.launch(partial(_process, config=config, data=data, run=run, sampler=sampler))
     except ProcessException as error:
         raise TrainingError(f"a training process died: {str(error).strip().splitlines()[-1]}") from error
     if isinstance(outcome, OcplannerError):
@@ -105,18 +112,21 @@ def _fabric(config: PolicyTraining, processes: int, elastic: bool) -> Fabric:
         raise InvalidValueError(f"device {config.device!r} cannot be used ({error}); use --device cpu") from error
 
 
-def _process(fabric: Fabric, config: PolicyTraining, data: Path, run: Path) -> Path | OcplannerError:
+def _process(
+    fabric: Fabric, config: PolicyTraining, data: Path, run: Path, sampler: Path | None
+) -> Path | OcplannerError:
     """One process's training; errors for users come back as values, which survive the way between processes."""
     keep_freed_memory()
     before = torch.get_num_threads()
     torch.set_num_threads(config.threads)
     try:
         recorded = read(config, data)
+        proposing = _proposing(config, recorded, data, sampler)
         folder = RunFolder(run)
         with ExitStack() as held:
             refused = _claim(held, folder, config, recorded) if fabric.global_rank == 0 else None
             refused = fabric.broadcast(refused)
-            return refused or _Training(fabric, config, recorded, folder).run()
+            return refused or _Training(fabric, config, recorded, folder, proposing).run()
     except OcplannerError as error:
         return error
     finally:
@@ -181,12 +191,37 @@ def _actions(demos: Demonstrations) -> dict[str, Any]:
         return {"action_frame": None, "action_scale": None}
 
 
+def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: Path | None) -> Policy | None:
+    """The trained policy that proposes to the critics, if the configuration names one."""
+    wanted = None if config.bcq is None else config.bcq.sampler_sha256
+    if sampler is None:
+        require(wanted is None, f"the policy with hash {wanted} proposes: give its file as sampler")
+        return None
+    policy = Policy.load(sampler)
+    if policy.sha256 != wanted:
+        raise MismatchError(f"{sampler} has hash {policy.sha256}, but {wanted} is to propose; give that policy")
+    check_recorded(policy, recorded.about, data)
+    return policy
+
+
 class _Training:
-    def __init__(self, fabric: Fabric, config: PolicyTraining, recorded: Recorded, folder: RunFolder) -> None:
+    def __init__(
+        self,
+        fabric: Fabric,
+        config: PolicyTraining,
+        recorded: Recorded,
+        folder: RunFolder,
+        proposing: Policy | None,
+    ) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = Progress()
+        self.train, self.valid = recorded.train, recorded.valid
         actor = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
-        fit_encoders(actor, recorded.train.low_dim)
+        if proposing is None:
+            fit_encoders(actor, recorded.train.low_dim)
+        elif isinstance(actor, BCQ) and isinstance(actor.sampler, TrainedPolicy):
+            actor.sampler.actor.load_state_dict(proposing.actor.state_dict())
+            self._encode(actor, proposing)
         if config.observation.cameras:
             actor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         actor.to(fabric.device)
@@ -203,7 +238,7 @@ class _Training:
 
     def run(self) -> Path:
         first = self._resume()
-        order = BatchOrder(len(self.recorded.train), self.config.batch, (self.config.seed, 0))
+        order = BatchOrder(len(self.train), self.config.batch, (self.config.seed, 0))
         started, since = time.monotonic() - self.seconds, (first, time.monotonic())
         saved = time.monotonic()
         with self.progress.bar(self.config.algorithm if self.first else "", self.config.steps, first) as advance:
@@ -231,10 +266,18 @@ class _Training:
         self._save_policy(policy, self.config.steps)
         return policy
 
+    def _encode(self, network: BCQ, proposing: Policy) -> None:
+        self.progress.say(f"encoding the data as {proposing.path} sees them")
+        network.to(self.fabric.device)
+        self.train = encoded(self.train, self.config, network, self.fabric.device)
+        if self.valid is not None:
+            self.valid = encoded(self.valid, self.config, network, self.fabric.device)
+        fit_encoders(network.critics, self.train.low_dim)
+
     # -- one step --------------------------------------------------------------------------------------------------
 
     def _step(self, rows: np.ndarray, step: int) -> dict[str, float]:
-        train = self.recorded.train
+        train = self.train
         seen = self.learner.step(train, rows, step)
         numbers = torch.stack(list(seen.values()))
         if self.fabric.world_size > 1:
@@ -256,9 +299,9 @@ class _Training:
         row: dict[str, Any] = {"stage": STAGE, "step": step, "seconds": round(self.seconds, 1), **seen}
         row |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
         text = f"step {step} of {self.config.steps}: loss {seen['loss']:.4g}"
-        if self.recorded.valid is not None:
+        if self.valid is not None:
             self.learner.swap()
-            row |= {f"valid_{name}": value for name, value in self.learner.held_out(self.recorded.valid).items()}
+            row |= {f"valid_{name}": value for name, value in self.learner.held_out(self.valid).items()}
             self.learner.swap()
             text += f", held out {row['valid_loss']:.4g}"
         self.folder.record(row)
