@@ -13,7 +13,7 @@ policies after which the AUC stays at 0.9 or more.
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,11 @@ from matplotlib.figure import Figure
 from reward_order import area, interval
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.policies.data import Samples
 from ocplanner.policies.evaluate import checkpoints
+from ocplanner.policies.foreign_episode import load_episode
 from ocplanner.policies.policy import Policy
-from ocplanner.policies.q_values import q_values
+from ocplanner.policies.q_values import values_of
 from ocplanner.report.style import SERIES, new_figure, save_figure, styled
 from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
@@ -35,22 +37,25 @@ _LAST_SECOND = 20  # steps
 SCORES = ("whole episode", "last second")
 
 
-def scores(policy: Policy, demos: Demonstrations) -> np.ndarray:
+def episodes(policy: Policy, path: Path) -> list[Samples]:
+    """Every episode of a file, as the policy and all others of its training see it."""
+    with Demonstrations(path) as demos:
+        return [load_episode(policy, demos, name) for name in demos.names]
+
+
+def scores(policy: Policy, recorded: Sequence[Samples]) -> np.ndarray:
     """(2, N): of every episode its mean value, as a whole and in its last second."""
-    values = [q_values(policy, demos, name)[0] for name in demos.names]
+    values = [values_of(policy, samples)[0] for samples in recorded]
     return np.array([[value.mean() for value in values], [value[-_LAST_SECOND:].mean() for value in values]])
 
 
-def ranking(policy: Policy, successes: Path, failures: Sequence[Path]) -> dict[str, Any]:
+def ranking(policy: Policy, successes: Sequence[Samples], failures: Mapping[str, Sequence[Samples]]) -> dict[str, Any]:
     """AUC of successes against each kind of failure, by both scores, with bootstrap intervals."""
-    with Demonstrations(successes) as demos:
-        good = scores(policy, demos)
+    good = scores(policy, successes)
     found: dict[str, Any] = {}
-    for path in failures:
-        with Demonstrations(path) as demos:
-            bad = scores(policy, demos)
-        pairs = zip(SCORES, good, bad)
-        found[path.stem] = {name: {"auc": area(*pair), "interval": interval(*pair)} for name, *pair in pairs}
+    for kind, recorded in failures.items():
+        pairs = zip(SCORES, good, scores(policy, recorded))
+        found[kind] = {name: {"auc": area(*pair), "interval": interval(*pair)} for name, *pair in pairs}
     return found
 
 
@@ -65,10 +70,10 @@ def follow(run: Path, successes: Path, failures: Sequence[Path]) -> dict[str, An
     """The ranking of every policy that a run kept."""
     policies = [Policy.load(path) for path in checkpoints(run)]
     steps = [int(policy.config["step"]) for policy in policies]
-    kept = [ranking(policy, successes, failures) for policy in policies]
+    good, bad = episodes(policies[0], successes), {path.stem: episodes(policies[0], path) for path in failures}
+    kept = [ranking(policy, good, bad) for policy in policies]
     first = {
-        path.stem: {score: ranked_from(steps, [one[path.stem][score]["auc"] for one in kept]) for score in SCORES}
-        for path in failures
+        kind: {score: ranked_from(steps, [one[kind][score]["auc"] for one in kept]) for score in SCORES} for kind in bad
     }
     return {"run": run.name, "steps": steps, "rankings": kept, "ranked_from": first}
 

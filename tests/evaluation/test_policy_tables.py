@@ -21,7 +21,7 @@ def evaluated(results, experiment, rates):
     path.write_text(json.dumps(content))
 
 
-@pytest.mark.parametrize(("table", "cells"), [(TABLE1, 9), (TABLE2, 11)])
+@pytest.mark.parametrize(("table", "cells"), [(TABLE1, 9), (TABLE2, 13)])
 def test_every_experiment_has_a_name_of_its_own(table, cells):
     experiments = table.experiments((0, 1, 2))
     assert len({experiment.name for experiment in experiments}) == len(experiments) == 3 * cells

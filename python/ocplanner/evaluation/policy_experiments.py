@@ -173,13 +173,15 @@ def table1_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
 
 
 def table2_experiments(seeds: Sequence[int]) -> tuple[PolicyExperiment, ...]:
-    """Every cell of Table 2 for every seed; the bounded reward; from states also the printed sign, and a mixture."""
-    cells = [("bcq", "state", "")]
-    cells += [("bcq", "image", reward) for reward in ("", "only-exp", "augment-exp", "only", "augment")]
-    cells += [("bcq", "state", reward) for reward in ("only-exp", "only", "only-literal")]
-    cells += [("bcq-gmm", "state", reward) for reward in ("", "only-exp")]
-    above = ("", "augment-exp", "only-exp", "augment", "only", "only-literal")
-    cells += [("bcq-bc", observations, reward) for observations in ("state", "image") for reward in above]
+    """Every cell of Table 2 for every seed; critics above BC with the bounded reward, and from states both signs."""
+    rewards = {
+        ("bcq", "state"): ("",),
+        ("bcq", "image"): ("", "only", "augment"),
+        ("bcq-gmm", "state"): ("", "only-exp"),
+        ("bcq-bc", "state"): ("", "only-exp", "only", "only-literal"),
+        ("bcq-bc", "image"): ("", "only-exp", "augment-exp"),
+    }
+    cells = [(*policy, reward) for policy, learned_from in rewards.items() for reward in learned_from]
     return tuple(PolicyExperiment(*cell, seed) for seed in seeds for cell in cells)
 
 
