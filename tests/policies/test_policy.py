@@ -103,6 +103,15 @@ def test_wrong_observations_are_refused(saved):
         policy.act(seen() | {"object": np.zeros((2, 15)), "agentview_image": np.zeros((2, 84, 84, 3), np.uint8)})
 
 
+def test_a_run_folder_stands_for_its_policy(saved, tmp_path):
+    path, _ = saved()
+    path.rename(tmp_path / "policy.safetensors")
+    assert Policy.load(tmp_path).sha256 == Policy.load(tmp_path / "policy.safetensors").sha256
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(PlannerFileError, match=r"empty/policy\.safetensors: cannot be read"):
+        Policy.load(tmp_path / "empty")
+
+
 def test_files_that_are_no_policies_are_refused(saved, tmp_path):
     path, _ = saved()
     content = path.read_bytes()

@@ -74,8 +74,8 @@ class TrainPolicy:
     sampler: Literal["vae", "gmm"] | None = None
     """What proposes actions to bcq's critics. vae (the default), or gmm: a mixture as bc has it."""
     sampler_from: Path | None = None
-    """Policy file of bc that proposes to bcq's critics and stays as it is; what is seen and the networks are that
-    policy's. Only critics are trained, in minutes, so several rewards can be tried above one policy."""
+    """Policy file or run folder of bc that proposes to bcq's critics and stays as it is; what is seen and the networks
+    are that policy's. Only critics are trained, in minutes, so several rewards can be tried above one policy."""
     kl_weight: float | None = None
     """Of bcq's action VAE instead of the preset's: the smaller, the more its proposals differ."""
     ema: float | None = None

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ocplanner.evaluation import reproduction
 from ocplanner.evaluation.experiments import PlannerExperiment
 from ocplanner.policies.config import HINT_KEY, PROPRIOCEPTION
+from ocplanner.policies.policy import FILE_NAME
 
 _USES = {
     "shifts": [],
@@ -102,8 +103,6 @@ VARIANTS: dict[str, HintKind | RewardKind] = {
 PLANNER = PlannerExperiment()
 """Makes the hints and rewards: the one that transfers use."""
 
-POLICY = "policy.safetensors"
-"""What a training's run folder ends with."""
 _CAMERAS = ("agentview", "robot0_eye_in_hand")
 _ALGORITHM_FLAGS = {
     "bcq-gmm": ["--algorithm", "bcq", "--sampler", "gmm", "--steps", "20000"],
@@ -221,10 +220,10 @@ def make_data(
 def train(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
     """Train a policy, unless it is there; its run folder. The one that proposes to critics must be there already."""
     run = work / experiment.name
-    if not (run / POLICY).exists():
+    if not (run / FILE_NAME).exists():
         flags = ["--data", str(data(experiment, source, work)), "--run", str(run), *experiment.training_flags]
         if experiment.sampler is not None:
-            flags += ["--sampler-from", str(work / experiment.sampler.name / POLICY)]
+            flags += ["--sampler-from", str(work / experiment.sampler.name)]
         reproduction.run_command(["train-policy", *flags], _log(experiment, work))
     return run
 

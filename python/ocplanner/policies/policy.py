@@ -22,6 +22,7 @@ from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
 
+FILE_NAME = "policy.safetensors"
 FORMAT = 1
 _SETUP: dict[str, Any] = {
     "task": str,
@@ -88,10 +89,14 @@ class Policy:
     def load(cls, path: str | Path) -> "Policy":
         """Read a policy file made by ``ocplanner train-policy``; nothing in it is unpickled.
 
+        Args:
+            path: the ``.safetensors`` file, or the finished run folder.
+
         Raises:
             PlannerFileError: the file is missing, damaged, or no policy.
         """
         path = Path(path)
+        path = path / FILE_NAME if path.is_dir() else path
         try:
             return cls(path, path.read_bytes())
         except OSError as error:

@@ -36,7 +36,7 @@ from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
-from ocplanner.policies.policy import Policy, save_policy
+from ocplanner.policies.policy import FILE_NAME, Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
 from ocplanner.settings import require
 from ocplanner.storage import locked
@@ -262,7 +262,7 @@ class _Training:
                 if last or due or done % self.config.checkpoint_every == 0:
                     self._save_checkpoint(done)
                     saved = time.monotonic()
-        policy = self.folder.path / "policy.safetensors"
+        policy = self.folder.path / FILE_NAME
         self._save_policy(policy, self.config.steps)
         return policy
 
