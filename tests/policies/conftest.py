@@ -1,6 +1,7 @@
 """Small policies and observations."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -9,6 +10,7 @@ import torch
 from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
+from ocplanner.policies.data import Samples
 from ocplanner.policies.observation import Observation
 
 LOW_DIM, ACTIONS = 23, 7
@@ -22,6 +24,32 @@ def _one_thread():
     torch.manual_seed(0)
     yield
     torch.set_num_threads(before)
+
+
+class Killed(BaseException):
+    """Stands for a kill: nothing in the library catches it."""
+
+
+@pytest.fixture
+def killed(monkeypatch):
+    """``with killed("batch", 13):`` training stops dead at the 14th batch that this method of Samples draws."""
+
+    @contextmanager
+    def after(method: str, batches: int) -> Iterator[None]:
+        original, learned = getattr(Samples, method), []
+
+        def batch(self, rows, config, device, rng):
+            learned.append(rng is not None)
+            if sum(learned) > batches:
+                raise Killed
+            return original(self, rows, config, device, rng)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Samples, method, batch)
+            with pytest.raises(Killed):
+                yield
+
+    return after
 
 
 @pytest.fixture(scope="session")

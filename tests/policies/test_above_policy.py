@@ -13,7 +13,6 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies.above_policy import above_policy
-from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import train_policy
@@ -67,23 +66,13 @@ def test_critics_choose_among_the_actions_of_a_policy_that_stays_as_it_is(reward
 
 
 @pytest.mark.parametrize("images", [False, True])
-def test_a_killed_training_continues_to_the_same_weights(tiny_square, tmp_path, monkeypatch, small, images):
+def test_a_killed_training_continues_to_the_same_weights(tiny_square, tmp_path, killed, small, images):
     data = tiny_square(images=images)
     below = train_policy(small(cameras=("agentview",) if images else ()), data, tmp_path / "bc")
     config = short(Policy.load(below))
     whole = load_file(train_policy(config, data, tmp_path / "whole", sampler=below))
-    original, learned = Samples.transition_batch, []
-
-    def batch(self, rows, config, device, rng):
-        learned.append(rng is not None)
-        if sum(learned) > 13:
-            raise KeyboardInterrupt
-        return original(self, rows, config, device, rng)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Samples, "transition_batch", batch)
-        with pytest.raises(KeyboardInterrupt):
-            train_policy(config, data, tmp_path / "killed", sampler=below)
+    with killed("transition_batch", 13):
+        train_policy(config, data, tmp_path / "killed", sampler=below)
     resumed = load_file(train_policy(config, data, tmp_path / "killed", sampler=below))
     assert {name for name in whole if not torch.equal(whole[name], resumed[name])} == set()
 

@@ -20,10 +20,6 @@ from ocplanner.policies.train import rate, train_policy
 from ocplanner.storage import locked
 
 
-class Killed(BaseException):
-    """Stands for a kill: nothing in the library catches it."""
-
-
 def differing(first, second) -> set[str]:
     a, b = load_file(first), load_file(second)
     assert a.keys() == b.keys()
@@ -82,24 +78,14 @@ def test_rounded_products_learn_as_exact_ones_do(tiny_square, tmp_path, small, a
     [("bc", ()), ("bc-rnn", ()), ("bc", ("agentview",)), ("bcq", ()), ("bcq", ("agentview",))],
 )
 def test_a_killed_training_continues_to_the_same_weights(
-    tiny_square, tmp_path, monkeypatch, small, algorithm, cameras, ema, seconds
+    tiny_square, tmp_path, monkeypatch, killed, small, algorithm, cameras, ema, seconds
 ):
     monkeypatch.setattr(train, "_CHECKPOINT_SECONDS", seconds)  # 0: after every step
     config = small(algorithm, cameras=cameras, ema=ema)
     data = tiny_square(images=bool(cameras))
     whole = train_policy(config, data, tmp_path / "whole")
-    original, calls = Samples.batch, []
-
-    def batch(self, rows, config, device, rng):
-        calls.append(rng is not None)
-        if sum(calls) > 13:
-            raise Killed
-        return original(self, rows, config, device, rng)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Samples, "batch", batch)
-        with pytest.raises(Killed):
-            train_policy(config, data, tmp_path / "killed")
+    with killed("batch", 13):
+        train_policy(config, data, tmp_path / "killed")
     _, facts = RunFolder(tmp_path / "killed").load("latest")
     assert facts["step"] == (10 if seconds else 13)
     resumed = train_policy(config, data, tmp_path / "killed")
