@@ -1,9 +1,12 @@
 """Small policies and observations."""
 
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import h5py
+import numpy as np
 import pytest
 import torch
 
@@ -50,6 +53,20 @@ def killed(monkeypatch):
                 yield
 
     return after
+
+
+@pytest.fixture
+def rewarded(tiny_square, tmp_path):
+    """Half of the actions go right, for a reward of 1, the others left."""
+    path = tmp_path / "rewarded.hdf5"
+    shutil.copy(tiny_square(), path)
+    rng = np.random.default_rng(0)
+    with h5py.File(path, "a") as file:
+        for demo in file["data"].values():
+            right = rng.random(len(demo["actions"])) < 0.5
+            demo["actions"][:] = np.where(right, 0.7, -0.7)[:, None] + rng.normal(0, 0.02, demo["actions"].shape)
+            demo["rewards"][:], demo["dones"][:] = right, 1
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -27,20 +27,6 @@ def short(policy: Policy, **changes):
     return replace(config, bcq=bcq, **(numbers | changes))
 
 
-@pytest.fixture
-def rewarded(tiny_square, tmp_path):
-    """Half of the actions go right, for a reward of 1, the others left."""
-    path = tmp_path / "rewarded.hdf5"
-    shutil.copy(tiny_square(), path)
-    rng = np.random.default_rng(0)
-    with h5py.File(path, "a") as file:
-        for demo in file["data"].values():
-            right = rng.random(len(demo["actions"])) < 0.5
-            demo["actions"][:] = np.where(right, 0.7, -0.7)[:, None] + rng.normal(0, 0.02, demo["actions"].shape)
-            demo["rewards"][:], demo["dones"][:] = right, 1
-    return path
-
-
 def test_critics_choose_among_the_actions_of_a_policy_that_stays_as_it_is(rewarded, tmp_path, small):
     below = train_policy(
         small(steps=600, validate_every=600, save_every=600, learning_rate=5e-3), rewarded, tmp_path / "bc"

@@ -100,19 +100,11 @@ def test_a_killed_training_continues_to_the_same_weights(
 
 
 @pytest.mark.parametrize("sampler", ["vae", "gmm"])
-def test_bcq_learns_which_actions_were_rewarded(tiny_square, tmp_path, small, sampler):
+def test_bcq_learns_which_actions_were_rewarded(rewarded, tmp_path, small, sampler):
     """One step of reward for actions to the right: the policy then goes right, though half of the data went left."""
-    data = tmp_path / "rewarded.hdf5"
-    shutil.copy(tiny_square(), data)
-    rng = np.random.default_rng(0)
-    with h5py.File(data, "a") as file:
-        for demo in file["data"].values():
-            right = rng.random(len(demo["actions"])) < 0.5
-            demo["actions"][:] = np.where(right, 0.7, -0.7)[:, None] + rng.normal(0, 0.02, demo["actions"].shape)
-            demo["rewards"][:], demo["dones"][:] = right, 1
     config = small("bcq", steps=600, validate_every=100, save_every=600, learning_rate=3e-3)
     config = replace(config, bcq=replace(config.bcq, critic_learning_rate=3e-3, kl_weight=0.01, sampler=sampler))
-    path = train_policy(config, data, tmp_path / "run")
+    path = train_policy(config, rewarded, tmp_path / "run")
     rows = RunFolder(tmp_path / "run").rows()
     parts = ("vae_reconstruction", "critic_loss") if sampler == "vae" else ("critic_loss",)
     for name in (*parts, *(f"valid_{part}" for part in parts)):
@@ -121,7 +113,7 @@ def test_bcq_learns_which_actions_were_rewarded(tiny_square, tmp_path, small, sa
         assert rows[-1]["kl"] > 0.1
     assert 0.3 < rows[-1]["valid_mean_q"] < 0.7  # half of the actions are worth 1, the others 0
     policy = Policy.load(path)
-    with Demonstrations(data) as demos:
+    with Demonstrations(rewarded) as demos:
         demo = demos["demo_2"]
         q, right = q_values(policy, demos, "demo_2"), demo.rewards == 1
         assert q.shape == (2, demo.length)
