@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from reward_order import area, interval
 
 from ocplanner.demos.dataset import Demonstrations
@@ -79,21 +80,31 @@ def follow(run: Path, successes: Path, failures: Sequence[Path]) -> dict[str, An
 
 
 def figure(rows: Sequence[dict[str, Any]]) -> Figure:
-    """AUC along the training, one panel a kind of failure; solid by the whole episode, dashed by the last second."""
+    """AUC along the training, one panel a kind of failure; solid by the whole episode, dashed by the last second.
+
+    Runs whose names differ only in what follows the last underscore, the seed, have one colour.
+    """
     kinds = list(rows[0]["ranked_from"])
+    groups = list(dict.fromkeys(_group(row) for row in rows))
     with styled():
         drawn = new_figure(4.0 * len(kinds), 3.2)
         panels = np.atleast_1d(drawn.subplots(1, len(kinds), sharey=True))
         for panel, kind in zip(panels, kinds):
-            for color, row in zip(SERIES, rows):
+            for row in rows:
+                color = SERIES[groups.index(_group(row))]
                 for score, style in zip(SCORES, ("-", "--")):
                     areas = [one[kind][score]["auc"] for one in row["rankings"]]
-                    panel.plot(row["steps"], areas, style, color=color, label=row["run"] if style == "-" else None)
+                    panel.plot(row["steps"], areas, style, color=color)
             panel.axhline(0.5, color="0.6", lw=0.8)
             panel.set(title=f"success above {kind}", xlabel="training step", ylim=(-0.02, 1.02))
         panels[0].set(ylabel="AUC")
-        panels[0].legend(fontsize=8)
+        shown = [Line2D([], [], color=color, label=group) for color, group in zip(SERIES, groups)]
+        panels[0].legend(handles=shown, fontsize=8)
         return drawn
+
+
+def _group(row: dict[str, Any]) -> str:
+    return str(row["run"]).rpartition("_")[0] or str(row["run"])
 
 
 def main() -> None:
