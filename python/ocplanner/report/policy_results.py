@@ -41,7 +41,7 @@ def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = 
     if hint:
         origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
         spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}{_use(hint)}"
-    sampler = (training.get("bcq") or {}).get("sampler")
+    sampler = str((training.get("bcq") or {}).get("sampler"))
     algorithm = str(training.get("algorithm", "unknown")).upper() + {"gmm": "-GMM", "policy": "-BC"}.get(sampler, "")
     return PolicyKind(algorithm, "image" if cameras else "state", spoken)
 
