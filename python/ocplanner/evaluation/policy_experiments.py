@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from ocplanner.evaluation import reproduction
 from ocplanner.evaluation.experiments import PlannerExperiment
-from ocplanner.policies.config import HINT_KEY, PROPRIOCEPTION
-from ocplanner.policies.policy import FILE_NAME
+from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PROPRIOCEPTION
 
 _USES = {
     "shifts": [],
@@ -220,7 +219,7 @@ def make_data(
 def train(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
     """Train a policy, unless it is there; its run folder. The one that proposes to critics must be there already."""
     run = work / experiment.name
-    if not (run / FILE_NAME).exists():
+    if not (run / POLICY_FILE).exists():
         flags = ["--data", str(data(experiment, source, work)), "--run", str(run), *experiment.training_flags]
         if experiment.sampler is not None:
             flags += ["--sampler-from", str(work / experiment.sampler.name)]

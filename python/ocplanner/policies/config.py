@@ -21,6 +21,8 @@ Precision = Literal["float32", "bfloat16"]
 HINT_KEY = "ocp_hint"
 """``obs/ocp_hint``: for each k six numbers in the action's frame and scale (position 3, rotation 3), then the flag."""
 PROPRIOCEPTION = ("robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos")
+POLICY_FILE = "policy.safetensors"
+"""What a finished run folder holds."""
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 
 

@@ -17,12 +17,11 @@ from torch import Tensor, nn
 from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
 from ocplanner.policies.actor import Memory
-from ocplanner.policies.config import HINT_KEY, PolicyTraining, training_from_dict
+from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.storage import atomic_write
 
-FILE_NAME = "policy.safetensors"
 FORMAT = 1
 _SETUP: dict[str, Any] = {
     "task": str,
@@ -96,7 +95,7 @@ class Policy:
             PlannerFileError: the file is missing, damaged, or no policy.
         """
         path = Path(path)
-        path = path / FILE_NAME if path.is_dir() else path
+        path = path / POLICY_FILE if path.is_dir() else path
         try:
             return cls(path, path.read_bytes())
         except OSError as error:

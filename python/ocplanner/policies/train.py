@@ -30,13 +30,13 @@ from ocplanner.policies.above_policy import check_recorded
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.bcq_learning import BatchConstrainedQ, encoded
-from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.config import POLICY_FILE, PolicyTraining
 from ocplanner.policies.data import Samples, check_horizons, load_samples
 from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
-from ocplanner.policies.policy import FILE_NAME, Policy, save_policy
+from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
 from ocplanner.settings import require
 from ocplanner.storage import locked
@@ -211,7 +211,7 @@ class _Training:
         config: PolicyTraining,
         recorded: Recorded,
         folder: RunFolder,
-        proposing: Policy | None,
+        proposing: Policy | None = None,
     ) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = Progress()
@@ -262,7 +262,7 @@ class _Training:
                 if last or due or done % self.config.checkpoint_every == 0:
                     self._save_checkpoint(done)
                     saved = time.monotonic()
-        policy = self.folder.path / FILE_NAME
+        policy = self.folder.path / POLICY_FILE
         self._save_policy(policy, self.config.steps)
         return policy
 
