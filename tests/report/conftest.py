@@ -77,7 +77,9 @@ def frames() -> np.ndarray:
 def write_evaluation(tmp_path):
     """Writes an evaluation as ``ocplanner evaluate`` does: ``successes`` of 10 episodes for each checkpoint."""
 
-    def write(name: str, successes=(2, 6, 4), *, hint=None, seed=0, step=100, origin="object", **settings) -> Path:
+    def write(
+        name: str, successes=(2, 6, 4), *, hint=None, seed=0, step=100, origin="object", rewards=None, **settings
+    ) -> Path:
         training = to_dict(replace(random_training(hint=hint, seed=seed), **settings))
         labels = None if hint is None else {"settings": {"horizon_steps": list(hint), "hint_from": origin}}
         checkpoints = tuple(
@@ -91,8 +93,9 @@ def write_evaluation(tmp_path):
         command, versions = "ocplanner evaluate --policy runs/bc", {"mujoco": "3.7.0"}
         planner = None if hint is None else "cd" * 32
         result = PolicyResult(
-            "Square", "Panda", training["algorithm"], training, labels, planner, 10, checkpoints, command, versions
-        )
+            "Square", "Panda", training["algorithm"], training, labels, planner, 10, checkpoints, command, versions,
+            rewards=rewards,
+        )  # fmt: skip
         return result.save(tmp_path / f"{name}.json")
 
     return write

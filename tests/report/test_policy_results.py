@@ -6,6 +6,7 @@ import pytest
 from ocplanner.errors import ResultFileError
 from ocplanner.evaluation.intervals import wilson
 from ocplanner.planner.config import to_dict
+from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.report.policy_results import PolicyKind, policy_cells, policy_kind, read_evaluation
 from random_policy import random_training
 
@@ -34,6 +35,18 @@ def test_seeds_are_grouped_and_other_settings_are_not(write_evaluation):
     assert faster.variant == "no hint (learning_rate 0.25)"
 
 
+def test_critics_are_grouped_by_their_rewards_whatever_policy_they_stand_above(write_evaluation):
+    made = {"planner_sha256": "ab", "settings": {"reward": "only", "form": "exp"}}
+    paths = []
+    for seed in (0, 1):
+        bcq = BCQConfig().proposing("policy", f"{seed}" * 64)
+        for name, rewards in (("sparse", None), ("dense", made)):
+            paths.append(write_evaluation(f"{name}_{seed}", seed=seed, rewards=rewards, algorithm="bcq", bcq=bcq))
+    sparse, dense = cells_of(*paths)
+    assert [record.seed for record in sparse.records] == [record.seed for record in dense.records] == [0, 1]
+    assert dense.variant == "no hint (rewards reward only, rewards form exp)"
+
+
 def test_an_evaluation_in_two_files_counts_once(write_evaluation, tmp_path):
     path = write_evaluation("a")
     copy = tmp_path / "copy.json"
@@ -55,7 +68,7 @@ def test_the_numbers_of_a_cell(write_evaluation):
 def test_damage_is_an_error_that_names_the_file(write_evaluation):
     path = write_evaluation("a", hint=(5,))
     content = json.loads(path.read_text())
-    for change in ({"labels": {}}, {"training": {"network": [1]}}, {"checkpoints": []}):
+    for change in ({"labels": {}}, {"rewards": {}}, {"training": {"network": [1]}}, {"checkpoints": []}):
         path.write_text(json.dumps(content | change))
         with pytest.raises(ResultFileError, match=r"a\.json"):
             read_evaluation(path)

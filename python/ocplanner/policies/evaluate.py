@@ -169,6 +169,7 @@ def evaluate_policy(
         algorithm=policies[0].training.algorithm,
         training=policies[0].config["training"],
         labels=policies[0].config["labels"],
+        rewards=policies[0].config.get("rewards"),
         planner_sha256=identity["planner_sha256"],
         episodes=episodes,
         seed_start=seed_start,

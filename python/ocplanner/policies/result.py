@@ -14,7 +14,7 @@ from ocplanner.storage import atomic_json
 from ocplanner.transfer.result import Run
 
 _LAST = 5
-_OF_LATER_FILES = ("seed_start", "horizon")
+_OF_LATER_FILES = ("seed_start", "horizon", "rewards")
 """Settings that the first files do not say."""
 
 
@@ -70,6 +70,7 @@ class PolicyResult:
         versions: installed versions by package.
         seed_start: seed of the first episode; the others follow. None in files that do not say.
         horizon: control steps of an episode; None: the task's own, or a file that does not say.
+        rewards: how ``ocplanner label`` made those that it learned from; None: recorded, unused, or not said.
     """
 
     task: str
@@ -84,6 +85,7 @@ class PolicyResult:
     versions: dict[str, str]
     seed_start: int | None = None
     horizon: int | None = None
+    rewards: dict[str, Any] | None = None
 
     @property
     def best(self) -> float:
@@ -114,6 +116,7 @@ class PolicyResult:
             "horizon": self.horizon,
             "training": self.training,
             "labels": self.labels,
+            "rewards": self.rewards,
             "planner_sha256": self.planner_sha256,
             "command": self.command,
             "versions": self.versions,

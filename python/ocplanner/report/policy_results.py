@@ -133,9 +133,11 @@ def read_evaluation(path: str | Path) -> PolicyRecord:
     path = Path(path)
     result = PolicyResult.load(path)
     try:
-        return PolicyRecord(path, result, policy_kind(result.training, result.labels))
+        record = PolicyRecord(path, result, policy_kind(result.training, result.labels))
+        _identity(record)
     except (KeyError, TypeError, AttributeError) as error:
         raise ResultFileError(f"{path} is damaged ({error!r}); evaluate the policy again") from error
+    return record
 
 
 def policy_cells(records: Iterable[PolicyRecord]) -> list[PolicyCell]:
@@ -154,10 +156,12 @@ def policy_cells(records: Iterable[PolicyRecord]) -> list[PolicyCell]:
 def _identity(record: PolicyRecord) -> dict[str, Any]:
     """Everything that decides how good a policy is, flat, but for the seed."""
     result = record.result
-    labels = {} if result.labels is None else result.labels["settings"]
+    labels, rewards = ({} if made is None else made["settings"] for made in (result.labels, result.rewards))
     training = {key: value for key, value in result.training.items() if key not in _OF_ONE_TRAINING}
     facts = {"task": result.task, "robot": result.robot, "planner": result.planner_sha256, "episodes": result.episodes}
-    return _flat({**facts, **training, "labels": labels})
+    flat = _flat({**facts, **training, "labels": labels, "rewards": rewards})
+    # Critics of another seed stand above another policy.
+    return {key: value for key, value in flat.items() if key != "bcq sampler_sha256"}
 
 
 def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
