@@ -17,11 +17,12 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.hdf5 import HDF5_MAGIC
 from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
 from ocplanner.planner.planner import FILE_NAME
+from ocplanner.policies.config import POLICY_FILE
 
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
 
-_TRAINED = (FILE_NAME, "policy.safetensors")
+_TRAINED = (FILE_NAME, POLICY_FILE)
 """What a finished training leaves in its run folder."""
 
 Facts = dict[str, Any]

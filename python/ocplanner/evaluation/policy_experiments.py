@@ -247,9 +247,10 @@ def run_all(
 ) -> Iterator[PolicyExperiment]:
     """Train and evaluate policies side by side, one thread each; yields each when it and those before it are done."""
     wanted = tuple(experiments)
-    samplers = dict.fromkeys(one.sampler for one in wanted if one.sampler and not one.result(results).exists())
+    missing = [one.sampler for one in wanted if not one.result(results).exists()]
+    samplers = dict.fromkeys(below for below in missing if below is not None)
     with ThreadPoolExecutor(workers) as pool:
-        for _ in pool.map(lambda one: train(one, source, work), [one for one in samplers if one is not None]):
+        for _ in pool.map(lambda one: train(one, source, work), samplers):
             pass
         yield from pool.map(lambda one: train_and_evaluate(one, source, work, results, episodes), wanted)
 

@@ -10,7 +10,6 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor
 
-from ocplanner.errors import DatasetError
 from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.bcq import BCQ, target_values
 from ocplanner.policies.config import PolicyTraining
@@ -61,13 +60,13 @@ class BatchConstrainedQ:
     def held_out(self, samples: Samples) -> dict[str, float]:
         """The same numbers, with noise that every call repeats."""
         self.network.eval()
+        learns = "sampler" in self._parts
         totals: dict[str, float] = {}
         with torch.inference_mode():
             for start in range(0, len(samples), EVALUATION_BATCH):
                 rows = np.arange(start, min(start + EVALUATION_BATCH, len(samples)))
                 batch = samples.transition_batch(rows, self.config, self.fabric.device, None)
                 noise = self._noise(len(rows), (3, start))
-                learns = "sampler" in self._parts
                 imitated = self.network.sampler(batch.observation, batch.actions, noise[:, 0]) if learns else {}
                 targets = self._target(batch, noise[:, 1:])
                 losses, values = self.network.critics(batch.observation, batch.actions, targets)
@@ -120,9 +119,7 @@ class BatchConstrainedQ:
 
 def encoded(samples: Samples, config: PolicyTraining, network: BCQ, device: torch.device) -> Samples:
     """The samples with the features that a trained policy sees, from central crops, in place of what was recorded."""
-    after = samples.transitions
-    if after is None:
-        raise DatasetError("these samples were read without what follows them")
+    after = samples.following
     here, following = [], []
     with torch.no_grad():
         for start in range(0, len(samples), EVALUATION_BATCH):

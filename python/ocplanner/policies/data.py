@@ -70,6 +70,17 @@ class Samples:
         hint = None if self.hint is None else self.hint[index].to(device)
         return Observation(self.low_dim[index].to(device), images, hint), self.actions[index].to(device)
 
+    @property
+    def following(self) -> Transitions:
+        """What follows each step.
+
+        Raises:
+            DatasetError: it has not been read.
+        """
+        if self.transitions is None:
+            raise DatasetError("these samples were read without what follows them")
+        return self.transitions
+
     def transition_batch(
         self, rows: np.ndarray, config: PolicyTraining, device: torch.device, rng: np.random.Generator | None
     ) -> TransitionBatch:
@@ -78,9 +89,7 @@ class Samples:
         Raises:
             DatasetError: the transitions have not been read.
         """
-        after = self.transitions
-        if after is None:
-            raise DatasetError("these samples were read without what follows them")
+        after = self.following
         observation, actions = self.batch(rows, config, device, rng)
         index = torch.from_numpy(rows)
         images = {name: cropped(self._after(name, rows, after), config.observation.crop, None) for name in self.images}

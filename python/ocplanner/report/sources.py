@@ -11,6 +11,7 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.errors import ResultFileError
+from ocplanner.policies.config import POLICY_FILE
 from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_evaluation
 from ocplanner.report.results import TransferRecord, is_result, read_results
 from ocplanner.report.runs import METRICS, Run, read_run
@@ -18,7 +19,7 @@ from ocplanner.report.runs import METRICS, Run, read_run
 PICTURES = (".png", ".svg")
 WEIGHTS = ".safetensors"
 _FIGURES = "figures"
-_POLICIES, _FINISHED_POLICY = "policies", "policy.safetensors"
+_POLICIES = "policies"
 _SKIPPED = ("checkpoints", "tensorboard", "node_modules", "__pycache__")
 
 
@@ -120,7 +121,7 @@ def _superseded(file: Path) -> bool:
     run = file.parent.parent
     if file.parent.name != _POLICIES or not (run / METRICS).exists():
         return False
-    return (run / _FINISHED_POLICY).exists() or file.name < max(other.name for other in file.parent.glob(f"*{WEIGHTS}"))
+    return (run / POLICY_FILE).exists() or file.name < max(other.name for other in file.parent.glob(f"*{WEIGHTS}"))
 
 
 def _is_policy(file: Path) -> bool:
