@@ -55,6 +55,15 @@ def tiny_square(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
     return make
 
 
+@pytest.fixture
+def frames() -> np.ndarray:
+    """Twelve frames of a dark square that moves right over a light ground, (12, 64, 96, 3) uint8."""
+    images = np.full((12, 64, 96, 3), 230, dtype=np.uint8)
+    for i, image in enumerate(images):
+        image[28:36, 4 * i : 4 * i + 8] = 40
+    return images
+
+
 def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:
     modern = env_version >= "1.5"
     osc = {"type": "OSC_POSE", "input_max": 1, "input_min": -1}

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ocplanner.pose import Pose
-from ocplanner.transfer.symmetry import yaw_rotation
+from ocplanner.geometry.pose import Pose
+from ocplanner.geometry.symmetry import yaw_rotation
 
 PEG = np.array([0.23, 0.10])
 

@@ -4,74 +4,46 @@
 >>> demos = ocp.Demonstrations("square_ph.hdf5")          # doctest: +SKIP
 >>> planner = ocp.Planner.load("planner.safetensors")     # doctest: +SKIP
 >>> result = ocp.transfer(planner, robot="Sawyer")        # doctest: +SKIP
+
+Importing the package loads no simulator and no torch; each public name loads what it needs when it is first used. The
+tasks are known to Gymnasium, where that is installed, as ``ocplanner/<Task>-v0``.
 """
 
 import importlib
+import importlib.util
 import os
 import sys
-from typing import TYPE_CHECKING, Any
-
-from ocplanner.envs.registration import register
-from ocplanner.versions import check_pins
+from typing import Any
 
 if sys.platform == "linux":
     os.environ.setdefault("MUJOCO_GL", "egl")  # must be set before mujoco is imported
 
-check_pins()
-register()
-
-if TYPE_CHECKING:
-    from ocplanner import transfer
-    from ocplanner.demos.dataset import Demonstrations
-    from ocplanner.demos.demonstration import Demonstration
-    from ocplanner.envs import make_env
-    from ocplanner.planner.planner import Plan, Planner
-    from ocplanner.policies.evaluate import evaluate_policy
-    from ocplanner.policies.policy import Policy
-    from ocplanner.policies.result import PolicyResult
-    from ocplanner.pose import Pose
-    from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset, label_demonstration, plan_reward
+if importlib.util.find_spec("gymnasium") is not None:
+    importlib.import_module("ocplanner.envs.registration").register()
 
 _LAZY = {
     "Demonstration": "ocplanner.demos.demonstration",
     "Demonstrations": "ocplanner.demos.dataset",
-    "LabelSettings": "ocplanner.rewards",
+    "LabelSettings": "ocplanner.guidance.labels",
     "Plan": "ocplanner.planner.planner",
+    "PlanReward": "ocplanner.guidance.live_reward",
     "Planner": "ocplanner.planner.planner",
     "Policy": "ocplanner.policies.policy",
     "PolicyResult": "ocplanner.policies.result",
-    "Pose": "ocplanner.pose",
-    "RewardConfig": "ocplanner.rewards",
+    "Pose": "ocplanner.geometry.pose",
+    "RewardConfig": "ocplanner.guidance.settings",
     "evaluate_policy": "ocplanner.policies.evaluate",
-    "label_dataset": "ocplanner.rewards",
-    "label_demonstration": "ocplanner.rewards",
+    "label_dataset": "ocplanner.guidance.dataset",
     "make_env": "ocplanner.envs",
-    "plan_reward": "ocplanner.rewards",
+    "plan_reward": "ocplanner.guidance.rewards",
+    "transfer": "ocplanner.zero_shot.loop",
 }
 
-__all__ = [
-    "Demonstration",
-    "Demonstrations",
-    "LabelSettings",
-    "Plan",
-    "Planner",
-    "Policy",
-    "PolicyResult",
-    "Pose",
-    "RewardConfig",
-    "evaluate_policy",
-    "label_dataset",
-    "label_demonstration",
-    "make_env",
-    "plan_reward",
-    "transfer",
-]
+__all__ = list(_LAZY)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the public names on first use: ``import ocplanner`` alone loads neither torch nor robosuite."""
-    if name == "transfer":
-        return importlib.import_module("ocplanner.transfer")
+    """Import a public name on first use."""
     if name in _LAZY:
         return getattr(importlib.import_module(_LAZY[name]), name)
     raise AttributeError(f"module 'ocplanner' has no attribute {name!r}")

@@ -79,7 +79,7 @@ class PlannerEngine:
         """Load the bytes of a planner file, keeping the weights as float32 or rounded to bfloat16.
 
         Raises:
-            PlannerFileError: the bytes are damaged, or are no planner.
+            ModelFileError: the bytes are damaged, or are no planner.
         """
 
     @property

@@ -27,7 +27,7 @@ class ObjectLayoutError(DatasetError):
     """The order of the ``object`` observation cannot be told, or contradicts the states."""
 
 
-class PlannerFileError(OcplannerError):
+class ModelFileError(OcplannerError):
     """A planner or policy file is missing, damaged, or made for something else."""
 
 

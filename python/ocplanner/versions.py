@@ -1,4 +1,4 @@
-"""The dependency pins that matter at run time, checked once at import.
+"""The dependency pins that matter at run time, checked when the simulator is first imported.
 
 robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. From mujoco
 3.8 on the links of its Robotiq 85 gripper (UR5e, Kinova3) collide, so that it closes to 53 mm only. A newer version of

@@ -17,14 +17,14 @@ from typing import Any
 
 import torch
 
+from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs.environment import make_env
-from ocplanner.evaluation.intervals import wilson
-from ocplanner.holding import Hold
+from ocplanner.files.storage import atomic_json
+from ocplanner.guidance.live_hint import LiveHint
 from ocplanner.planner.planner import Planner
-from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.rollout import PolicyRollout
-from ocplanner.storage import atomic_json
+from ocplanner.rollouts.intervals import wilson
 from ocplanner.versions import installed
 
 FIRST_SEED = 50000
@@ -36,7 +36,7 @@ def relay(grasp: PolicyRollout, carry: PolicyRollout, seed: int, horizon: int) -
     env.reset(seed)
     grasp.policy.reset(seed)
     carry.policy.reset(seed)
-    gripper, hold, held, ever = -1.0, Hold(), False, False
+    gripper, hold, held, ever = -1.0, GraspDetector(), False, False
     for _ in range(horizon):
         held = hold.update(env.object_pose(), env.eef_pose().position, gripper)
         ever = ever or held

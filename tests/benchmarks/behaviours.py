@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.collection.expert import demonstrate
+from ocplanner.collection.flawed import fail
+from ocplanner.control.arm_program import CLOSE, ArmProgram, HorizonReached
+from ocplanner.control.grasp import take_hold
+from ocplanner.control.grasp_detection import GraspDetector
+from ocplanner.control.settings import GraspSettings
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.expert import demonstrate
-from ocplanner.demos.flawed import fail
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.holding import Hold
-from ocplanner.live_plan import LivePlan
+from ocplanner.geometry.pose import Pose
+from ocplanner.guidance.live_plan import LivePlan
 from ocplanner.planner.planner import Plan, Planner
-from ocplanner.pose import Pose
-from ocplanner.transfer.body import CLOSE, Body, HorizonReached
-from ocplanner.transfer.grasp import take_hold
-from ocplanner.transfer.settings import GraspSettings
 
 AIMLESS_STEPS = 100
 NEARER_STEPS = 10
@@ -53,12 +53,12 @@ class Recorder:
 
     def __init__(self, env: ManipulationEnv, planner: Planner) -> None:
         self.env, self._plans, self._rows = env, LivePlan(env, planner), list[_Row]()
-        self._hold = Hold()
+        self._hold = GraspDetector()
         self._plan: Plan | None = None
 
     def begin(self) -> None:
         """The environment has been reset."""
-        self._hold, self._rows = Hold(), []
+        self._hold, self._rows = GraspDetector(), []
         self._plan = self._planned(-1.0)
 
     def after(self, gripper: float) -> None:
@@ -138,9 +138,9 @@ def still(arm: Any, seed: int) -> None:
         body.wait(CLOSE)
 
 
-def _with_the_nut(arm: Any, seed: int) -> Body:
+def _with_the_nut(arm: Any, seed: int) -> ArmProgram:
     arm.reset(seed)
-    body = Body(arm, _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5), arm.horizon)
+    body = ArmProgram(arm, _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5), arm.horizon)
     take_hold(body, arm.task.object(), arm.robot, GraspSettings())
     return body
 

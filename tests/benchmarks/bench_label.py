@@ -31,9 +31,10 @@ from timing import interleaved
 from torch_labels import TorchLabeller
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.files.storage import atomic_json
+from ocplanner.guidance.dataset import label_dataset
+from ocplanner.guidance.labels import LabelSettings
 from ocplanner.planner.planner import Planner
-from ocplanner.rewards import LabelSettings, label_dataset
-from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 from random_planner import write_random_planner
 

@@ -24,11 +24,11 @@ import torch
 from machine import machine_and_load
 from turns import Player, Turn, taking_turns
 
-from ocplanner.memory import keep_freed_memory
-from ocplanner.planner.optimisation import BatchOrder
-from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies.config import Precision, preset
 from ocplanner.policies.train import _fabric, _Training, read
+from ocplanner.training.memory import keep_freed_memory
+from ocplanner.training.optimisation import BatchOrder
+from ocplanner.training.run_folder import RunFolder
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/bench_policies.json")

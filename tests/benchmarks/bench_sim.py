@@ -17,7 +17,7 @@ from sim_measured import SimMeasured, table
 from state_cases import state_only
 from transfer_cases import two_workers, whole_episode
 
-from ocplanner.evaluation.marked_tables import replace_tables
+from ocplanner.reproduction.markdown_tables import replace_tables
 
 _OUTPUT = Path("results/bench_sim.json")
 _PAGE = Path("docs/simulation.md")

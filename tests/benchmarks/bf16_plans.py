@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ocplanner import Demonstrations, Planner
+from ocplanner.files.storage import atomic_json
 from ocplanner.planner.config import PlannerTraining
 from ocplanner.planner.frames import CameraFrames, data_settings, load_frames, split
-from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/bf16_plans.json")

@@ -13,7 +13,7 @@ from planner_weights import PlannerWeights
 from timing import Timing, interleaved
 
 from ocplanner import Planner, _core
-from ocplanner.rewards import label_demonstration
+from ocplanner.guidance.labelling import label_demonstration
 from random_planner import random_images, write_random_planner
 
 _TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"

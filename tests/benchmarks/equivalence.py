@@ -29,8 +29,8 @@ import numpy as np
 from ocplanner import _core
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.robots import ROBOTS
-from ocplanner.evaluation.marked_tables import replace_tables
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
+from ocplanner.reproduction.markdown_tables import replace_tables
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/equivalence.json")

@@ -15,10 +15,10 @@ import numpy as np
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.planner.hints import ORIGINS, action_law, plan_hints
+from ocplanner.files.storage import atomic_json
+from ocplanner.guidance.hints import ORIGINS, action_law, plan_hints
+from ocplanner.guidance.labels import Labeller, LabelSettings
 from ocplanner.planner.planner import Plan, Planner
-from ocplanner.rewards.labels import Labeller, LabelSettings
-from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")

@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.control.arm_program import ArmProgram, raised
+from ocplanner.control.grasp import is_held, take_hold
+from ocplanner.control.settings import TransferSettings
 from ocplanner.envs.environment import ManipulationEnv, make_env
 from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.robots import RobotSpec, robot
-from ocplanner.pose import Pose
-from ocplanner.storage import atomic_json
-from ocplanner.transfer.body import Body, raised
-from ocplanner.transfer.grasp import is_held, take_hold
-from ocplanner.transfer.settings import TransferSettings
-from ocplanner.transfer.symmetry import yaw_rotation
+from ocplanner.files.storage import atomic_json
+from ocplanner.geometry.pose import Pose
+from ocplanner.geometry.symmetry import yaw_rotation
 from ocplanner.versions import installed
 
 FIRST_SEED = 500
@@ -38,7 +38,7 @@ def carry(env: ManipulationEnv, arm: RobotSpec, seed: int) -> tuple[str, float]:
     settings = TransferSettings()
     env.reset(seed)
     law = _core.DeltaPoseLaw(gain_position=settings.gain, gain_rotation=settings.gain)
-    body = Body(env, law, 10_000, holding=arm.holding)
+    body = ArmProgram(env, law, 10_000, holding=arm.holding)
     reach = Reach(env.model, env.data, env.arms[0].joints)
     taken = take_hold(body, env.task.object(), arm, settings.grasp, reach)
     if taken is None:

@@ -16,11 +16,11 @@ import mujoco
 import numpy as np
 
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.storage import atomic_json
-from ocplanner.transfer.episode import run_episode
-from ocplanner.transfer.scenario import make_scenario
-from ocplanner.transfer.task_planners import TaskPlanners
+from ocplanner.files.storage import atomic_json
 from ocplanner.versions import installed
+from ocplanner.zero_shot.episode import run_episode
+from ocplanner.zero_shot.scenario import make_scenario
+from ocplanner.zero_shot.task_planners import TaskPlanners
 
 FIRST_SEED = 500
 LAST_STEPS = 12

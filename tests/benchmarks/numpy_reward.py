@@ -18,7 +18,7 @@ class Rewards(NamedTuple):
 def plan_reward(
     planned: tuple[np.ndarray, np.ndarray], achieved: tuple[np.ndarray, np.ndarray], grasping: np.ndarray
 ) -> Rewards:
-    """What ``ocplanner.rewards.plan_reward`` computes by default.
+    """What ``ocplanner.guidance.plan_reward`` computes by default.
 
     A pair is (T, 3) positions in m and (T, 3, 3) rotations: what the plan made at t wants next, and where the object
     is next. ``grasping`` is (T,) bool.

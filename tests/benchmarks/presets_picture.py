@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.robots import ROBOTS
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 _OUTPUT = Path("docs/images/presets.png")
 _TASK = "Square"

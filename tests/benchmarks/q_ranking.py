@@ -24,13 +24,13 @@ from matplotlib.lines import Line2D
 from reward_order import area, interval
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
+from ocplanner.files.storage import atomic_json
+from ocplanner.policies.converted_episode import load_episode
 from ocplanner.policies.data import Samples
 from ocplanner.policies.evaluate import checkpoints
-from ocplanner.policies.foreign_episode import load_episode
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import values_of
-from ocplanner.report.style import SERIES, new_figure, save_figure, styled
-from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 
 RANKED = 0.9

@@ -24,11 +24,12 @@ from matplotlib.figure import Figure
 from scipy.stats import rankdata, spearmanr
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
 from ocplanner.envs import make_env
+from ocplanner.files.storage import atomic_json
+from ocplanner.guidance.rewards import plan_reward
+from ocplanner.guidance.settings import FORMS, RewardConfig
 from ocplanner.planner.planner import Planner
-from ocplanner.report.style import SERIES, new_figure, save_figure, styled
-from ocplanner.rewards import FORMS, RewardConfig, plan_reward
-from ocplanner.storage import atomic_json
 from ocplanner.versions import installed
 
 GOOD = ("human", "expert")

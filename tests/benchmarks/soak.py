@@ -27,7 +27,7 @@ from machine import machine
 
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.rendering import open_renderers
-from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/soak.json")

@@ -7,8 +7,8 @@ sys.path.append(str(Path(__file__).parent))
 
 import after_grasp
 
+from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs import make_env
-from ocplanner.holding import Hold
 
 
 class Rollout:
@@ -44,7 +44,7 @@ class Rollout:
 )
 def test_the_second_policy_acts_while_the_object_is_held(monkeypatch, held, success, outcome):
     with make_env("Square", "Panda", cameras=()) as env:
-        monkeypatch.setattr(Hold, "update", lambda self, *_: env.steps in held)
+        monkeypatch.setattr(GraspDetector, "update", lambda self, *_: env.steps in held)
         monkeypatch.setattr(type(env), "success", lambda self: self.steps == success)
         grasp, carry = Rollout(env, 1.0), Rollout(env, 1.0)
         assert after_grasp.relay(grasp, carry, 50000, 10) == outcome

@@ -9,8 +9,8 @@ from numpy_reward import Rewards, plan_reward
 from planner_weights import PlannerWeights
 from torch_planner import TorchPlanner
 
+from ocplanner.control.grasp_detection import held_steps
 from ocplanner.demos.layouts import rotation_from_quat_xyzw
-from ocplanner.holding import held_steps
 
 
 class TorchLabeller:

@@ -13,10 +13,10 @@ import numpy as np
 from sim_measured import SimMeasured
 from turns import taking_turns
 
-from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.planner.planner import Planner
-from ocplanner.transfer.result import Run
-from ocplanner.transfer.scenario import Scenario, Stage, make_scenario
+from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.zero_shot.scenario import Scenario, Stage, make_scenario
 
 _PLANNER = Path("results/planners/square_masked_h20_pose_0.safetensors")
 _ROBOT = "Sawyer"
@@ -32,7 +32,7 @@ class Episodes:
     def prepare(self, index: int) -> None:
         """Nothing: the reset is part of an episode."""
 
-    def act(self, index: int) -> Run:
+    def act(self, index: int) -> EpisodeResult:
         """One whole episode."""
         return self._stage.play(_FIRST_SEED + index)
 

@@ -9,7 +9,7 @@ from safetensors.numpy import save_file
 
 from ocplanner.cli import main
 from ocplanner.cli.info import describe
-from ocplanner.errors import DatasetError, PlannerFileError
+from ocplanner.errors import DatasetError, ModelFileError
 
 
 @pytest.fixture
@@ -65,10 +65,10 @@ def test_damaged_files(tmp_path, planner_file, tiny_square, capsys):
     whole = planner_file.read_bytes()
     for size in range(0, len(whole), 7):
         planner_file.write_bytes(whole[:size])
-        with pytest.raises(PlannerFileError, match=r"p\.safetensors"):
+        with pytest.raises(ModelFileError, match=r"p\.safetensors"):
             describe(planner_file)
     save_file({"a": np.zeros(3, np.float32)}, tmp_path / "other.safetensors")
-    with pytest.raises(PlannerFileError, match=r"not one of ocplanner's"):
+    with pytest.raises(ModelFileError, match=r"not one of ocplanner's"):
         describe(tmp_path / "other.safetensors")
     (tmp_path / "notes.txt").write_text("some notes")
     with pytest.raises(DatasetError, match=r"neither an HDF5 data set nor"):

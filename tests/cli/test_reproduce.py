@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from ocplanner.cli import main
-from ocplanner.evaluation import held_out, reproduction
-from ocplanner.evaluation.experiments import planner_experiments
-from ocplanner.storage import atomic_json
-from ocplanner.transfer.matrix import Matrix
-from ocplanner.transfer.pose_error import PoseError
-from ocplanner.transfer.result import Run, TransferResult
+from ocplanner.control.noisy_pose import PoseError
+from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.storage import atomic_json
+from ocplanner.reproduction import held_out, reproduction
+from ocplanner.reproduction.experiments import planner_experiments
+from ocplanner.zero_shot.matrix import Matrix
+from ocplanner.zero_shot.result import TransferResult
 
 NAMES = [experiment.name for experiment in planner_experiments((0,))]
 
@@ -139,7 +140,9 @@ def transfers(monkeypatch, tmp_path):
         options = dict(pairwise(arguments))
         millimetres, degrees = map(float, options.get("--pose-noise", "0,0").split(","))
         episodes, out = int(options["--episodes"]), Path(options["--out"])
-        runs = tuple(Run(10000 + i, i % 2 == 0, 150, None if i % 2 == 0 else "slip", None) for i in range(episodes))
+        runs = tuple(
+            EpisodeResult(10000 + i, i % 2 == 0, 150, None if i % 2 == 0 else "slip", None) for i in range(episodes)
+        )
         result = TransferResult(
             "Square", options.get("--robot", "Panda"), "gated", "masked", "fast", "fast", "native", (), 0,
             PoseError(millimetres, degrees), int(options.get("--pose-filter", 1)), "ab" * 32, 0, "ocplanner", {}, runs,

@@ -4,7 +4,7 @@ import pytest
 from ocplanner.envs import make_env
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import ShapeError, UnknownNameError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 OPEN = np.array([0, 0, 0, 0, 0, 0, -1.0])
 CLOSE = -OPEN

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ocplanner.envs.kinematics import ArmJoints, Reach
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 FAR, NEAR = np.array([0.23, 0.16, 0.98]), np.array([0.0, 0.1, 0.98])

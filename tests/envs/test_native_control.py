@@ -12,7 +12,7 @@ from ocplanner.envs import make_env
 from ocplanner.envs.native_control import attach
 from ocplanner.envs.simulator import robosuite
 from ocplanner.errors import InvalidValueError, ShapeError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 ARMS = ("Panda", "Sawyer", "UR5e", "IIWA", "Kinova3", "Jaco", "XArm7")
 

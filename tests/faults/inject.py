@@ -35,7 +35,7 @@ from process import load
 from rows import Row
 from verbs import HDF5_READERS, PLANNER_READERS, POLICY_READERS, WRITERS, Material, Verb
 
-from ocplanner.storage import atomic_json
+from ocplanner.files.storage import atomic_json
 from ocplanner.versions import installed
 
 

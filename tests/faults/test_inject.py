@@ -16,7 +16,7 @@ import contextlib, sys, time
 from pathlib import Path
 sys.path.insert(0, {here!r})
 import inject
-from ocplanner.planner import run_folder
+from ocplanner.training import run_folder
 from ocplanner.policies import policy
 
 @contextlib.contextmanager

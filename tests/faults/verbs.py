@@ -119,13 +119,13 @@ def _evaluate(inputs: dict[str, Path], out: Path) -> list[str]:
 
 
 _PLANNING = "ocplanner.planner.planner"
-_TRANSFERRING = (_PLANNING, "ocplanner.transfer.loop")
+_TRANSFERRING = (_PLANNING, "ocplanner.zero_shot.loop")
 _EVALUATING = ("ocplanner.policies.evaluate",)
 _FITTING = ("ocplanner.planner.train", "ocplanner.report.page")
 
-COLLECT = Verb("collect", "out.hdf5", _collect, modules=("ocplanner.demos.collect",))
-RENDER = Verb("render", "out.hdf5", _render, ("collected",), modules=("ocplanner.demos.render",))
-LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"), modules=("ocplanner.rewards", _PLANNING))
+COLLECT = Verb("collect", "out.hdf5", _collect, modules=("ocplanner.collection.collect",))
+RENDER = Verb("render", "out.hdf5", _render, ("collected",), modules=("ocplanner.collection.render",))
+LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"), modules=("ocplanner.guidance", _PLANNING))
 TRAIN_PLANNER = Verb("train-planner", "run/report.html", _train_planner, ("rendered",), modules=_FITTING)
 TRAIN_POLICY = Verb(
     "train-policy", "run/policy.safetensors", _train_policy, ("collected",), modules=("ocplanner.policies.train",)
@@ -137,7 +137,7 @@ MATRIX = Verb(
     _matrix,
     ("planner",),
     grows=True,
-    modules=(*_TRANSFERRING, "ocplanner.transfer.matrix", "ocplanner.report.heat_map"),
+    modules=(*_TRANSFERRING, "ocplanner.zero_shot.matrix", "ocplanner.report.heat_map"),
 )
 EVALUATE = Verb("evaluate", "out.json", _evaluate, ("policy",), modules=_EVALUATING)
 

@@ -20,7 +20,7 @@ from fuzz_core import one_input, random_input
 from targets import TARGETS
 
 from ocplanner import _core
-from ocplanner.errors import InvalidValueError, OcplannerError, PlannerFileError, ShapeError
+from ocplanner.errors import InvalidValueError, ModelFileError, OcplannerError, ShapeError
 
 CORPUS = {
     "large_crop": "image_size is 5000",
@@ -158,5 +158,5 @@ def test_harmless_choices_succeed() -> None:
 
 
 def test_a_damaged_file_is_refused() -> None:
-    with pytest.raises(PlannerFileError):
+    with pytest.raises(ModelFileError):
         _core.PlannerEngine(_valid_file()[:-1])

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 import torch
 
-from ocplanner.rewards import LabelSettings, label_dataset
+from ocplanner.guidance.dataset import label_dataset
+from ocplanner.guidance.labels import LabelSettings
 from quick_robomimic import quick
 from random_planner import write_random_planner
 

@@ -9,7 +9,7 @@ import torch
 from robomimic.scripts.train import train
 from robomimic.utils.file_utils import policy_from_checkpoint
 
-from ocplanner.errors import InvalidValueError, MismatchError, PlannerFileError
+from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError
 from ocplanner.integrations.robomimic import export_policy
 from ocplanner.integrations.robomimic.__main__ import main
 from ocplanner.policies.policy import Policy
@@ -110,7 +110,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path, monkeypatch, capsys):
         main()
     assert left.value.code == 2
     assert "x.pth is no checkpoint of robomimic's" in capsys.readouterr().err
-    with pytest.raises(PlannerFileError, match="No such file"):
+    with pytest.raises(ModelFileError, match="No such file"):
         export_policy(tmp_path / "absent.pth", tmp_path / "y")
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset
+from ocplanner.guidance.dataset import label_dataset
+from ocplanner.guidance.labels import LabelSettings
+from ocplanner.guidance.settings import RewardConfig
 from quick_robomimic import quick
 from random_planner import write_random_planner
 

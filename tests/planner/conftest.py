@@ -11,9 +11,9 @@ from ocplanner.planner.config import (
     EncoderConfig,
     NetworkConfig,
     PlannerTraining,
-    StageConfig,
 )
 from ocplanner.planner.frames import CameraFrames, DataSettings, Frames, future
+from ocplanner.training.schedule import StageConfig
 
 MASK_RGB = (255, 0, 255)
 SETTINGS = DataSettings("Square", "SquareNut", "Panda", "fast", MASK_RGB, ("IIWA", "Kinova3"))

@@ -9,11 +9,11 @@ from ocplanner.planner.config import (
     LossConfig,
     NetworkConfig,
     PlannerTraining,
-    StageConfig,
     preset,
     to_dict,
     training_from_dict,
 )
+from ocplanner.training.schedule import StageConfig
 
 
 @pytest.mark.parametrize("name", ["cpu", "robomimic"])

@@ -7,7 +7,7 @@ import pytest
 import torch
 from safetensors import safe_open
 
-from ocplanner.errors import PlannerFileError, TrainingError
+from ocplanner.errors import ModelFileError, TrainingError
 from ocplanner.planner.config import EncoderConfig, preset
 from ocplanner.planner.export import Provenance, export_planner, folded, planner_tensors, read_planner_file
 from ocplanner.planner.network import Normaliser, PlannerNetwork
@@ -151,5 +151,5 @@ def test_reading_what_is_no_planner(tmp_path, content):
     path = tmp_path / "planner.safetensors"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(PlannerFileError, match="no planner file"):
+    with pytest.raises(ModelFileError, match="no planner file"):
         read_planner_file(path)

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from ocplanner.planner.config import EncoderConfig, LossConfig
 from ocplanner.planner.encoder import ImageEncoder, SpatialSoftmax
 from ocplanner.planner.network import Normaliser, PlannerNetwork, matrix_from_rot6d, rot6d_from_matrix
-from ocplanner.planner.optimisation import BatchOrder, learning_rate
 from ocplanner.planner.predictor import latent_distance, winner_takes_all
 from ocplanner.planner.vae import Latent, kl_between, kl_to_prior, trajectory_loss
+from ocplanner.training.optimisation import BatchOrder
+from ocplanner.training.schedule import learning_rate
 
 SEEDS = st.integers(0, 1000)
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load_file, save_file
 
-from ocplanner.errors import InvalidValueError, MismatchError, PlannerFileError, ShapeError, UnknownNameError
+from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, ShapeError, UnknownNameError
 from ocplanner.planner.planner import Plan, Planner
 from random_planner import planner_config, random_images, random_tensors, write_planner, write_random_planner
 from torch_reference import reference
@@ -329,15 +329,15 @@ def test_damaged_files_are_refused(tmp_path: Path, damage: str) -> None:
         "text": b"PK\x03\x04 a pickled checkpoint, perhaps",
     }
     path.write_bytes(replaced.get(damage, whole))
-    with pytest.raises(PlannerFileError, match=damage_cases()[damage]) as info:
+    with pytest.raises(ModelFileError, match=damage_cases()[damage]) as info:
         Planner.load(path)
     assert str(path) in str(info.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(PlannerFileError, match=r"nowhere.safetensors: cannot be read"):
+    with pytest.raises(ModelFileError, match=r"nowhere.safetensors: cannot be read"):
         Planner.load(tmp_path / "nowhere.safetensors")
-    with pytest.raises(PlannerFileError, match="cannot be read"):
+    with pytest.raises(ModelFileError, match="cannot be read"):
         Planner.load(tmp_path)
 
 
@@ -367,7 +367,7 @@ def test_mutated_files_load_or_are_refused(tmp_path_factory: pytest.TempPathFact
     path.write_bytes(bytes(content))
     try:
         planner = Planner.load(path)
-    except PlannerFileError:
+    except ModelFileError:
         return
     json.dumps(dict(planner.config))
 

@@ -7,13 +7,13 @@ import torch
 from safetensors.torch import load_file
 
 from ocplanner.errors import OutputError, TrainingError
+from ocplanner.files.storage import locked
 from ocplanner.planner.export import read_planner_file
 from ocplanner.planner.frames import CameraFrames
 from ocplanner.planner.planner import Planner
-from ocplanner.planner.run_folder import RunFolder
 from ocplanner.planner.stages import PredictorStage
 from ocplanner.planner.train import train_on_frames
-from ocplanner.storage import locked
+from ocplanner.training.run_folder import RunFolder
 
 
 class Killed(BaseException):

@@ -5,11 +5,11 @@ import pytest
 
 from ocplanner import evaluate_policy
 from ocplanner.cli import main
-from ocplanner.errors import InvalidValueError, MismatchError, OutputError, PlannerFileError
+from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, OutputError
+from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.policies import evaluate
 from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.train import train_policy
-from ocplanner.transfer.result import Run
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +75,13 @@ def test_a_stopped_evaluation_goes_on(run_folder, tmp_path, monkeypatch):
 def test_refuses_what_does_not_fit(run_folder, tiny_square, tmp_path):
     with pytest.raises(InvalidValueError, match="at least 1"):
         evaluate_policy(run_folder, episodes=0)
-    with pytest.raises(PlannerFileError, match=r"no policies/step_\*\.safetensors"):
+    with pytest.raises(ModelFileError, match=r"no policies/step_\*\.safetensors"):
         evaluate_policy(tmp_path)
     with pytest.raises(MismatchError, match="needs no planner"):
         evaluate_policy(run_folder, tmp_path / "planner.safetensors")
     with pytest.raises(InvalidValueError, match="is a single policy"):
         evaluate_policy(run_folder / "policy.safetensors", last=2)
-    with pytest.raises(PlannerFileError, match="it is an HDF5 file, perhaps a data set"):
+    with pytest.raises(ModelFileError, match="it is an HDF5 file, perhaps a data set"):
         evaluate_policy(tiny_square())
     short(run_folder, tmp_path / "out.json")
     with pytest.raises(OutputError, match="--overwrite"):
@@ -101,7 +101,7 @@ def test_the_command(run_folder, capsys):
 def test_best_and_last_five():
     rates = [0, 10, 5, 5, 4, 6, 5]
     checkpoints = tuple(
-        Checkpoint(step, "", tuple(Run(seed, seed < rate, 1, None, None) for seed in range(10)))
+        Checkpoint(step, "", tuple(EpisodeResult(seed, seed < rate, 1, None, None) for seed in range(10)))
         for step, rate in enumerate(rates)
     )
     result = PolicyResult("Square", "Panda", "bc", {}, None, None, 10, checkpoints, "", {})

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from ocplanner import Policy
-from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
+from ocplanner.errors import MismatchError, ModelFileError, ShapeError
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
@@ -108,14 +108,14 @@ def test_a_run_folder_stands_for_its_policy(saved, tmp_path):
     path.rename(tmp_path / "policy.safetensors")
     assert Policy.load(tmp_path).sha256 == Policy.load(tmp_path / "policy.safetensors").sha256
     (tmp_path / "empty").mkdir()
-    with pytest.raises(PlannerFileError, match=r"empty/policy\.safetensors: cannot be read"):
+    with pytest.raises(ModelFileError, match=r"empty/policy\.safetensors: cannot be read"):
         Policy.load(tmp_path / "empty")
 
 
 def test_files_that_are_no_policies_are_refused(saved, tmp_path):
     path, _ = saved()
     content = path.read_bytes()
-    with pytest.raises(PlannerFileError, match="cannot be read"):
+    with pytest.raises(ModelFileError, match="cannot be read"):
         Policy.load(tmp_path / "absent.safetensors")
     faults = {
         "truncated": content[: len(content) // 2],
@@ -127,7 +127,7 @@ def test_files_that_are_no_policies_are_refused(saved, tmp_path):
     for fault, data in faults.items():
         assert data != content, fault
         path.write_bytes(data)
-        with pytest.raises(PlannerFileError, match="is no policy file"):
+        with pytest.raises(ModelFileError, match="is no policy file"):
             Policy.load(path)
 
 
@@ -146,7 +146,7 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path, small, change, messa
     training["network"] |= change
     path = tmp_path / "policy.safetensors"
     save_policy(make_network(config, 23, 7), {"low_dim": 23, "actions": 7, "training": training}, path)
-    with pytest.raises(PlannerFileError, match=message):
+    with pytest.raises(ModelFileError, match=message):
         Policy.load(path)
 
 
@@ -177,9 +177,9 @@ def test_the_setup_is_checked(tmp_path, small, key, value):
     save_policy(network, description, path)
     Policy.load(path).check_setup()
     save_policy(network, {**description, key: value}, path)
-    with pytest.raises(PlannerFileError, match=f"policy.safetensors: its {key} "):
+    with pytest.raises(ModelFileError, match=f"policy.safetensors: its {key} "):
         Policy.load(path).check_setup()
     del description[key]
     save_policy(network, description, path)
-    with pytest.raises(PlannerFileError, match=f"policy.safetensors: its {key} "):
+    with pytest.raises(ModelFileError, match=f"policy.safetensors: its {key} "):
         Policy.load(path).check_setup()

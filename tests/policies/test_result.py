@@ -4,14 +4,14 @@ import pytest
 
 from ocplanner import PolicyResult
 from ocplanner.errors import ResultFileError
+from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.policies.result import Checkpoint
-from ocplanner.transfer.result import Run
 
 
 @pytest.fixture
 def result():
-    def runs(good: int) -> tuple[Run, ...]:
-        return tuple(Run(i, i < good, 90, None if i < good else "time-out", None) for i in range(4))
+    def runs(good: int) -> tuple[EpisodeResult, ...]:
+        return tuple(EpisodeResult(i, i < good, 90, None if i < good else "time-out", None) for i in range(4))
 
     checkpoints = tuple(Checkpoint(10 * (i + 1), f"{i}", runs(good)) for i, good in enumerate([4, 0, 1, 2, 1, 0, 1]))
     return PolicyResult("Square", "Panda", "bc", {"seed": 1}, None, None, 4, checkpoints, "command", {"numpy": "1"})

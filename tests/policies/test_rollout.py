@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
-from ocplanner.holding import Hold
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_actor
 from ocplanner.policies.policy import Policy, save_policy
@@ -70,7 +70,7 @@ def test_an_episode_ends_where_the_task_is_solved(policy, monkeypatch):
 
 @pytest.mark.parametrize(("until", "failure"), [(0, "missed grasp"), (5, "lost grasp"), (10, "time-out")])
 def test_a_failure_is_told_by_when_the_object_was_held(policy, monkeypatch, until, failure):
-    monkeypatch.setattr(Hold, "update", lambda self, *_: env.steps < until)
+    monkeypatch.setattr(GraspDetector, "update", lambda self, *_: env.steps < until)
     with make_env("Square", "Panda", cameras=()) as env:
         assert PolicyRollout(env, policy()).play(20000, 10) == (False, 10, failure)
 

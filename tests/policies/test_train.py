@@ -10,14 +10,14 @@ from safetensors.torch import load_file
 
 from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
 from ocplanner.errors import MismatchError, OutputError, TrainingError
+from ocplanner.files.storage import locked
 from ocplanner.planner.config import to_dict
-from ocplanner.planner.run_folder import RunFolder
 from ocplanner.policies import train
 from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import rate, train_policy
-from ocplanner.storage import locked
+from ocplanner.training.run_folder import RunFolder
 
 
 def differing(first, second) -> set[str]:

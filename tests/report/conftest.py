@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.result import Checkpoint, PolicyResult
-from ocplanner.transfer.result import Run
 from random_policy import random_training
 
 
@@ -65,15 +65,6 @@ def write_result(tmp_path):
 
 
 @pytest.fixture
-def frames() -> np.ndarray:
-    """Twelve frames of a dark square that moves right over a light ground, (12, 64, 96, 3) uint8."""
-    images = np.full((12, 64, 96, 3), 230, dtype=np.uint8)
-    for i, image in enumerate(images):
-        image[28:36, 4 * i : 4 * i + 8] = 40
-    return images
-
-
-@pytest.fixture
 def write_evaluation(tmp_path):
     """Writes an evaluation as ``ocplanner evaluate`` does: ``successes`` of 10 episodes for each checkpoint."""
 
@@ -86,7 +77,7 @@ def write_evaluation(tmp_path):
             Checkpoint(
                 step=step * (i + 1),
                 sha256=f"{name} {i}",
-                runs=tuple(Run(20000 + 10 * i + j, j < good, 150, None, None) for j in range(10)),
+                runs=tuple(EpisodeResult(20000 + 10 * i + j, j < good, 150, None, None) for j in range(10)),
             )
             for i, good in enumerate(successes)
         )

@@ -1,6 +1,6 @@
+from ocplanner.drawing.video import write_video
 from ocplanner.report.figures import write_figures
 from ocplanner.report.sources import find_sources
-from ocplanner.report.video import write_video
 
 
 def test_every_chart_is_written(tmp_path, frames, write_run, write_result):

@@ -3,11 +3,11 @@ from html.parser import HTMLParser
 
 import pytest
 
+from ocplanner.drawing.style import save_figure
+from ocplanner.drawing.video import write_video
 from ocplanner.errors import ResultFileError
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.page import write_report
-from ocplanner.report.style import save_figure
-from ocplanner.report.video import write_video
 
 _VOID = {"meta", "link", "img", "br", "path", "use", "rect"}
 

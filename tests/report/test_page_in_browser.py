@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ocplanner.drawing.video import write_video
 from ocplanner.report.page import write_report
-from ocplanner.report.video import write_video
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (apt-get install chromium)")

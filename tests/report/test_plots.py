@@ -2,11 +2,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from ocplanner.drawing.style import save_figure
 from ocplanner.errors import InvalidValueError, ShapeError
 from ocplanner.report import plots
 from ocplanner.report.results import group_results, read_results
 from ocplanner.report.runs import read_run
-from ocplanner.report.style import save_figure
 
 
 def texts(figure) -> str:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from ocplanner.drawing.style import save_figure
 from ocplanner.errors import InvalidValueError
-from ocplanner.evaluation.intervals import wilson
 from ocplanner.report.policy_curves import policy_curves, success_curves
 from ocplanner.report.policy_results import policy_cells, read_evaluation
 from ocplanner.report.runs import read_run
-from ocplanner.report.style import save_figure
+from ocplanner.rollouts.intervals import wilson
 
 
 def drawn(*paths):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ocplanner import Demonstrations, Policy
-from ocplanner.errors import DatasetError, MismatchError, PlannerFileError
+from ocplanner.errors import DatasetError, MismatchError, ModelFileError
 from ocplanner.policies.hint_use import hint_use
 from ocplanner.report.policy_figures import draw_policies, hint_share_figure, hint_use_figure, policy_name
 from random_policy import HELD, random_training, write_labelled, write_random_policy
@@ -91,7 +91,7 @@ def test_what_cannot_be_drawn_is_an_error(labelled, tiny_square, tmp_path):
     with pytest.raises(DatasetError, match="held in none"):
         draw_policies([file], [never], tmp_path)
     file.write_bytes(b"damaged")
-    with pytest.raises(PlannerFileError, match="no policy file"):
+    with pytest.raises(ModelFileError, match="no policy file"):
         draw_policies([file], [labelled], tmp_path)
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from ocplanner.errors import ResultFileError
 from ocplanner.report.results import FAILURES, failure_classes, group_results, read_results
-from ocplanner.transfer.result import FAILURES as CLASSES
+from ocplanner.zero_shot.result import FAILURES as CLASSES
 
 
 def test_a_result_file_is_read_whole(write_result):

@@ -1,9 +1,9 @@
 import pytest
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.drawing.style import save_figure
 from ocplanner.errors import DatasetError, InvalidValueError
 from ocplanner.report.segments import segment_figure
-from ocplanner.report.style import save_figure
 
 
 @pytest.mark.parametrize("names", [["demo_0"], ["demo_0", "demo_1", "demo_10"]])

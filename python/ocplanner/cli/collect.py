@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from ocplanner.choices import Flaw
+from ocplanner.collection.settings import Flaw
 from ocplanner.progress import PlainLines, counting_columns
 
 
@@ -42,7 +42,7 @@ class Collect:
 
     def run(self) -> None:
         """Collect with a progress bar."""
-        from ocplanner.demos.collect import collect
+        from ocplanner.collection.collect import collect
 
         console = Console()
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:

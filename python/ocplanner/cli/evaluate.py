@@ -41,8 +41,8 @@ class Evaluate:
 
     def run(self) -> None:
         """Evaluate with a progress bar."""
+        from ocplanner.files.records.episode import EpisodeResult
         from ocplanner.policies.evaluate import checkpoints, evaluate_policy
-        from ocplanner.transfer.result import Run
 
         paths = checkpoints(self.policy)[-(self.last or 0) :]
         beside = self.policy.with_name(f"{self.policy.stem}_evaluation.json")
@@ -52,7 +52,7 @@ class Evaluate:
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
             bar = progress.add_task("evaluating", total=self.episodes * len(paths))
 
-            def count(path: Path, run: Run) -> None:
+            def count(path: Path, run: EpisodeResult) -> None:
                 seen = successes.setdefault(path, [])
                 seen.append(run.success)
                 progress.update(bar, advance=1, description=f"{path.stem}: {sum(seen)} of {len(seen)}")

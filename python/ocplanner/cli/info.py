@@ -14,8 +14,8 @@ from rich.text import Text
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.hdf5 import HDF5_MAGIC
-from ocplanner.errors import DatasetError, OcplannerError, PlannerFileError
+from ocplanner.errors import DatasetError, ModelFileError, OcplannerError
+from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.policies.config import POLICY_FILE
 
@@ -79,7 +79,7 @@ def _trained(folder: Path) -> Path:
     for name in _TRAINED:
         if (folder / name).exists():
             return folder / name
-    raise PlannerFileError(f"{folder} holds no {' nor '.join(_TRAINED)}; give a file, or the run folder of a training")
+    raise ModelFileError(f"{folder} holds no {' nor '.join(_TRAINED)}; give a file, or the run folder of a training")
 
 
 def describe_dataset(path: Path) -> Facts:
@@ -125,21 +125,19 @@ def describe_weights(path: Path) -> Facts:
     """The configuration in a planner or policy file, and the number of its parameters.
 
     Raises:
-        PlannerFileError: the file is damaged or was not made by ocplanner.
+        ModelFileError: the file is damaged or was not made by ocplanner.
     """
     try:
         with safe_open(path, framework="numpy") as file:
             metadata: Mapping[str, str] = file.metadata() or {}
             shapes = {name: file.get_slice(name).get_shape() for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, ValueError) as error:
-        raise PlannerFileError(
-            f"{path}: not a readable safetensors file ({error}); make or download it again"
-        ) from error
+        raise ModelFileError(f"{path}: not a readable safetensors file ({error}); make or download it again") from error
     try:
         header = json.loads(metadata["ocplanner"])
         kind, config = str(header["kind"]), dict(header["config"])
     except (KeyError, TypeError, ValueError) as error:
-        raise PlannerFileError(
+        raise ModelFileError(
             f"{path}: a safetensors file, but not one of ocplanner's (no readable `ocplanner` metadata); "
             "make it with `ocplanner train-planner`"
         ) from error

@@ -7,8 +7,8 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from ocplanner.choices import Form, RewardMode
-from ocplanner.planner.hints import Origin
+from ocplanner.guidance.hints import Origin
+from ocplanner.guidance.settings import Form, RewardMode
 from ocplanner.progress import demonstrations_bar
 
 
@@ -57,8 +57,10 @@ class Label:
     def run(self) -> None:
         """Label with a progress bar."""
         from ocplanner.demos.dataset import Demonstrations
+        from ocplanner.guidance.dataset import label_dataset
+        from ocplanner.guidance.labels import LabelSettings
+        from ocplanner.guidance.settings import RewardConfig
         from ocplanner.planner.planner import Planner
-        from ocplanner.rewards import LabelSettings, RewardConfig, label_dataset
 
         settings = LabelSettings(
             hints=self.hints,

@@ -47,9 +47,9 @@ class Render:
 
     def run(self) -> None:
         """Render with a progress bar."""
+        from ocplanner.collection.frames import RenderSettings
+        from ocplanner.collection.render import render_dataset
         from ocplanner.demos.dataset import Demonstrations
-        from ocplanner.demos.frames import RenderSettings
-        from ocplanner.demos.render import render_dataset
 
         silhouettes = self.silhouettes
         if silhouettes is None:

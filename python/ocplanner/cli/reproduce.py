@@ -10,11 +10,11 @@ import tyro
 from rich.console import Console
 
 from ocplanner.errors import InvalidValueError
-from ocplanner.evaluation import encoders, experiments, held_out, policy_experiments, reproduction
-from ocplanner.evaluation.experiments import PlannerExperiment
-from ocplanner.evaluation.marked_tables import write_tables
-from ocplanner.evaluation.policy_tables import TABLES, PolicyTable
 from ocplanner.planner.config import Preset
+from ocplanner.reproduction import encoders, experiments, held_out, policy_experiments, reproduction
+from ocplanner.reproduction.experiments import PlannerExperiment
+from ocplanner.reproduction.markdown_tables import write_tables
+from ocplanner.reproduction.policy_tables import TABLES, PolicyTable
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Reproduce:
         self._tables(console)
 
     def _figure(self, console: Console, number: int) -> None:
-        from ocplanner.evaluation.paper_figures import FigureWork, draw
+        from ocplanner.reproduction.paper_figures import FigureWork, draw
 
         work = FigureWork(
             self.data, self.work, self.results, self.preset, self.seeds[0], workers=self.workers, device=self.device

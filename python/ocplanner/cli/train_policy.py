@@ -160,7 +160,7 @@ class TrainPolicy:
 
     def _preset(self) -> PolicyTraining:
         if self.sampler_from is not None:
-            from ocplanner.policies.above_policy import above_policy
+            from ocplanner.policies.frozen_sampler import above_policy
             from ocplanner.policies.policy import Policy
 
             return above_policy(Policy.load(self.sampler_from), self.preset or "cpu")

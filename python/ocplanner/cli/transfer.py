@@ -16,7 +16,8 @@ from ocplanner.errors import InvalidValueError
 from ocplanner.progress import counting_columns
 
 if TYPE_CHECKING:
-    from ocplanner.transfer.result import Run, TransferResult
+    from ocplanner.files.records.episode import EpisodeResult
+    from ocplanner.zero_shot.result import TransferResult
 
 _PLANNERS = Path("results/planners")
 _MATRIX = Path("results/matrix.json")
@@ -90,9 +91,9 @@ class Transfer:
             self._run_one()
 
     def _run_one(self) -> None:
-        from ocplanner.transfer.loop import describe, run_transfer, seeds_of
-        from ocplanner.transfer.scenario import make_scenario
-        from ocplanner.transfer.task_planners import TaskPlanners
+        from ocplanner.zero_shot.loop import describe, run_transfer, seeds_of
+        from ocplanner.zero_shot.scenario import make_scenario
+        from ocplanner.zero_shot.task_planners import TaskPlanners
 
         self._refuse(planners=self.planners, robots=self.robots, planner_seed=self.planner_seed)
         robot = robot_spec(self.robot or _ROBOT).name
@@ -119,7 +120,7 @@ class Transfer:
 
     def _run_matrix(self) -> None:
         from ocplanner.report.heat_map import write_heat_map
-        from ocplanner.transfer.matrix import find_planners, transfer_matrix
+        from ocplanner.zero_shot.matrix import find_planners, transfer_matrix
 
         self._refuse(planner=self.planner, robot=self.robot, task=self.task)
         robots = [robot_spec(name).name for name in self.robots or ROBOTS]
@@ -132,7 +133,7 @@ class Transfer:
         out, picture = self.out or _MATRIX, (self.out or _MATRIX).with_suffix(".png")
         console = Console()
         with _episode_bar(console) as bar:
-            count: Callable[[Run], None] = bar("", 0)
+            count: Callable[[EpisodeResult], None] = bar("", 0)
             number, total = 0, len(planners) * len(dict.fromkeys(robots))
 
             def begin(cell: "TransferResult") -> None:
@@ -162,7 +163,7 @@ class Transfer:
         console.print(f"{out}, {picture}", soft_wrap=True)
 
     def _conditions(self) -> dict[str, Any]:
-        from ocplanner.transfer.pose_error import parse_noise
+        from ocplanner.control.noisy_pose import parse_noise
 
         return {
             "follow": self.follow,
@@ -193,11 +194,11 @@ def _episode_bar(console: Console) -> Iterator[Callable[[str, int], Callable[[An
     with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
         bar = progress.add_task("")
 
-        def begin(name: str, episodes: int) -> Callable[["Run"], None]:
+        def begin(name: str, episodes: int) -> Callable[["EpisodeResult"], None]:
             successes = 0
             progress.reset(bar, total=episodes, description=name)
 
-            def count(run: "Run") -> None:
+            def count(run: "EpisodeResult") -> None:
                 nonlocal successes
                 successes += run.success
                 progress.update(bar, advance=1, description=f"{name}: {successes} succeeded")

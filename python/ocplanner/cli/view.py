@@ -57,10 +57,10 @@ class View:
         Raises:
             ResultFileError: the result is damaged, or does not say which planner it is of.
             MismatchError: it is of another planner, or of no episode with this seed.
-            PlannerFileError: the planner cannot be read.
+            ModelFileError: the planner cannot be read.
         """
         from ocplanner.report.viewer import record_playback
-        from ocplanner.transfer.task_planners import TaskPlanners
+        from ocplanner.zero_shot.task_planners import TaskPlanners
 
         if self.source.suffix != ".json":
             seed = 10000 if self.seed is None else self.seed
@@ -70,7 +70,7 @@ class View:
     def _again(self) -> "Playback":
         from ocplanner.report.results import read_results
         from ocplanner.report.viewer import record_playback
-        from ocplanner.transfer.task_planners import TaskPlanners
+        from ocplanner.zero_shot.task_planners import TaskPlanners
 
         record, *others = read_results(self.source)
         if others:

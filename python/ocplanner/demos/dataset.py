@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Self, overload
 
 from ocplanner.demos.demonstration import Demonstration, Recording
-from ocplanner.demos.hdf5 import HDF5File
 from ocplanner.demos.layouts import Order
 from ocplanner.demos.recorded_task import recorded_task
+from ocplanner.files.hdf5 import HDF5File
 
 RENDER_ATTRIBUTE = "ocplanner_render"
 LABEL_ATTRIBUTE = "ocplanner_label"

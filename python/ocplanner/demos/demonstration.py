@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from ocplanner.demos.hdf5 import HDF5File
 from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
 from ocplanner.demos.recorded_task import carriers, object_of, recorded_task
 from ocplanner.errors import DatasetError, ObjectLayoutError
+from ocplanner.files.hdf5 import HDF5File
 
 
 class Recording(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from ocplanner.envs.grippers import Gripper
 from ocplanner.envs.kinematics import ArmJoints, site_pose
 from ocplanner.envs.robots import RobotSpec
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 
 class RobotArm:

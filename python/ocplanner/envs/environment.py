@@ -18,7 +18,7 @@ from ocplanner.envs.tasks import Task
 from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import visual_preset
 from ocplanner.errors import ShapeError, UnknownNameError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 CONTROL_LOOPS = ("native", "stock")
 _RESTARTS = 6

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from ocplanner.envs.environment import make_env
 from ocplanner.errors import UnknownNameError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 _FARTHEST_M = 20.0
 _WIDEST_M = 0.5

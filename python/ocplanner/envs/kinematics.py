@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ocplanner.envs.simulator import mujoco
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 _DAMPING = 0.03
 _MAX_STEP_RAD = 0.3

@@ -1,4 +1,4 @@
-"""Makes the tasks known to Gymnasium as ``ocplanner/<Task>-v0``; done by ``import ocplanner``."""
+"""Makes the tasks known to Gymnasium as ``ocplanner/<Task>-v0``; done by ``import ocplanner`` where it is installed."""
 
 from gymnasium.envs import registration
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import RenderingError
+from ocplanner.versions import check_pins
 
 _BACKENDS = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa"}
 _PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
@@ -57,6 +58,7 @@ def _load_triton_library() -> None:
         ctypes.CDLL(str(library))
 
 
+check_pins()
 _load_triton_library()
 
 # robosuite warns at import about an optional macro file; a filter outlasts the level that it sets itself.

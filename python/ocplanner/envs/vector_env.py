@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
 from ocplanner.errors import InvalidValueError, OcplannerError, ShapeError, UnknownNameError, WorkerError
-from ocplanner.workers import Worker, serve
+from ocplanner.rollouts.worker import Worker, serve
 
 _TRIES = 3
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ocplanner.settings import build, require, require_choice
+from ocplanner.training.schedule import StageConfig
 
 Outputs = Literal["pose", "position"]
 Observe = Literal["full", "masked", "no-robot"]
@@ -101,26 +102,6 @@ class LossConfig:
         require_choice("latent loss", self.latent, Literal["l2", "kl"])
         numbers = (self.position, self.rotation, self.kl, self.other_modes)
         require(min(numbers) >= 0, "loss weights must not be negative")
-
-
-@dataclass(frozen=True)
-class StageConfig:
-    """One stage of training: AdamW, linear warm-up, cosine decay, averaged weights."""
-
-    steps: int
-    batch: int = 64
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
-    warmup: int = 100
-    ema: float = 0.999
-    """Decay of the moving average of the weights, which is what later stages and the planner use; 0: off."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        require(self.steps >= 0 and self.batch >= 1, f"steps {self.steps} and batch {self.batch} must be positive")
-        require(self.learning_rate > 0, f"learning rate {self.learning_rate} must be positive")
-        require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
-        require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
 
 
 @dataclass(frozen=True)

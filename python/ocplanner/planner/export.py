@@ -16,13 +16,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ocplanner.errors import PlannerFileError, TrainingError
+from ocplanner.errors import ModelFileError, TrainingError
+from ocplanner.files.storage import atomic_write
 from ocplanner.planner.config import PlannerTraining, to_dict
 from ocplanner.planner.encoder import BasicBlock, ImageEncoder, ResNet18Trunk, SmallTrunk, SpatialSoftmax
 from ocplanner.planner.frames import DataSettings
 from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.reference import plan_with
-from ocplanner.storage import atomic_write
 
 FORMAT = 1
 _TOLERANCE = 1e-3
@@ -182,19 +182,19 @@ def read_planner_file(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Configuration and tensors of a planner file.
 
     Raises:
-        PlannerFileError: the file is missing, damaged, or no planner of this format.
+        ModelFileError: the file is missing, damaged, or no planner of this format.
     """
     try:
         with safe_open(path, framework="pt") as file:
             header = json.loads((file.metadata() or {})["ocplanner"])
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, KeyError, ValueError) as error:
-        raise PlannerFileError(
+        raise ModelFileError(
             f"{path} is no planner file ({error}); write one with `ocplanner train-planner`"
         ) from error
     if header.get("kind") != "planner" or header.get("format") != FORMAT:
         found = f"{header.get('kind')} of format {header.get('format')}"
-        raise PlannerFileError(f"{path} holds a {found}, expected a planner of format {FORMAT}")
+        raise ModelFileError(f"{path} holds a {found}, expected a planner of format {FORMAT}")
     return header["config"], tensors
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocplanner import _core
-from ocplanner.errors import MismatchError, PlannerFileError
+from ocplanner.errors import MismatchError, ModelFileError
 
 FILE_NAME = "planner.safetensors"
 """The planner in its run folder."""
@@ -62,18 +62,18 @@ class Planner:
                 fractions of a millimetre; small planners stay as they are. The arithmetic is float32 either way.
 
         Raises:
-            PlannerFileError: the file is missing, damaged, or not a planner.
+            ModelFileError: the file is missing, damaged, or not a planner.
         """
         path = Path(path)
         path = path / FILE_NAME if path.is_dir() else path
         try:
             return cls(path, path.read_bytes(), storage)
         except OSError as error:
-            raise PlannerFileError(
+            raise ModelFileError(
                 f"{path}: cannot be read: {error.strerror}; give the {FILE_NAME} of a run folder"
             ) from error
-        except PlannerFileError as error:
-            raise PlannerFileError(f"{path}: {error}") from None
+        except ModelFileError as error:
+            raise ModelFileError(f"{path}: {error}") from None
 
     def plan(self, images: Images, threads: int = 1, steps: int | None = None) -> Plan:
         """Plan with the most probable mode of each image.

@@ -13,12 +13,13 @@ import torch
 from torch import Tensor, nn
 
 from ocplanner.planner.augment import augmented, observed, to_input
-from ocplanner.planner.config import PlannerTraining, StageConfig
+from ocplanner.planner.config import PlannerTraining
 from ocplanner.planner.frames import Frames
 from ocplanner.planner.metrics import PlanErrors, plan_errors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.predictor import latent_distance, winner_takes_all
 from ocplanner.planner.vae import Latent, kl_to_prior, trajectory_loss
+from ocplanner.training.schedule import StageConfig
 
 _CHUNK = 256
 

@@ -13,17 +13,19 @@ import torch
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, TrainingError
-from ocplanner.memory import keep_freed_memory
+from ocplanner.files.storage import locked
 from ocplanner.planner.config import PlannerTraining, to_dict
 from ocplanner.planner.export import Provenance, export_planner
 from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_frames, split
 from ocplanner.planner.metrics import PlanErrors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
-from ocplanner.planner.optimisation import BatchOrder, Optimisation, learning_rate
+from ocplanner.planner.planner import FILE_NAME
 from ocplanner.planner.progress import Progress
-from ocplanner.planner.run_folder import RunFolder
 from ocplanner.planner.stages import STAGES, Material, Stage
-from ocplanner.storage import locked
+from ocplanner.training.memory import keep_freed_memory
+from ocplanner.training.optimisation import BatchOrder, Optimisation
+from ocplanner.training.run_folder import RunFolder
+from ocplanner.training.schedule import learning_rate
 
 ORDER = tuple(stage.name for stage in STAGES)
 
@@ -208,9 +210,9 @@ class _Training:
         self._restore_network(states[kept])
         held_out = {name: errors.as_row() for name, errors in results[kept].items()}
         provenance = Provenance(self.settings, self.material.normaliser, kept, held_out, self.material.train.digest())
-        export_planner(self.network, self.config, provenance, self.folder.planner, self._probe())
+        export_planner(self.network, self.config, provenance, self.folder.path / FILE_NAME, self._probe())
         self.progress.say(f"kept {kept}: {summary({'stage': 'held out', **held_out['source']})}")
-        return self.folder.planner
+        return self.folder.path / FILE_NAME
 
     def _appearances(self) -> dict[str, PlanErrors]:
         valid = self.material.valid

@@ -10,12 +10,12 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor
 
-from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.bcq import BCQ, target_values
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
 from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
 from ocplanner.policies.transitions import TransitionBatch
+from ocplanner.training.optimisation import Optimisation
 
 
 class BatchConstrainedQ:

@@ -11,7 +11,7 @@ from torch import Tensor
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, MismatchError
-from ocplanner.planner.hints import HINT_WIDTH
+from ocplanner.guidance.hints import HINT_WIDTH
 from ocplanner.policies.config import HINT_KEY, PolicyTraining
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.policies.transitions import TransitionBatch, Transitions

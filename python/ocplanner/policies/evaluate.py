@@ -11,17 +11,17 @@ from typing import Any
 import torch
 
 from ocplanner.envs.environment import make_env
-from ocplanner.errors import MismatchError, PlannerFileError
-from ocplanner.evaluation.rollouts import run_episodes
+from ocplanner.errors import MismatchError, ModelFileError
+from ocplanner.files.journal import Journal
+from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.storage import check_free, locked
+from ocplanner.guidance.live_hint import LiveHint, check_planner
 from ocplanner.planner.planner import Planner
-from ocplanner.policies.live_hint import LiveHint, check_planner
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.rollout import PolicyRollout
+from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.settings import require
-from ocplanner.storage import check_free, locked
-from ocplanner.transfer.journal import Journal
-from ocplanner.transfer.result import Run
 from ocplanner.versions import installed
 
 
@@ -66,7 +66,7 @@ class PolicyStage:
         self._planner = None if scenario.planner is None else Planner.load(scenario.planner)
         self._loaded: tuple[Path, PolicyRollout] | None = None
 
-    def play(self, seed: int) -> Run:
+    def play(self, seed: int) -> EpisodeResult:
         """Run one episode of the checkpoint that the seed belongs to."""
         path = self.scenario.path_of(seed)
         if self._loaded is None or self._loaded[0] != path:
@@ -77,7 +77,7 @@ class PolicyStage:
             outcome = self._loaded[1].play(seed, self.scenario.horizon)
         finally:
             torch.set_num_threads(before)
-        return Run(seed, outcome.success, outcome.steps, outcome.failure, None)
+        return EpisodeResult(seed, outcome.success, outcome.steps, outcome.failure, None)
 
     def close(self) -> None:
         """Free the simulation."""
@@ -103,7 +103,7 @@ def evaluate_policy(
     out: str | Path | None = None,
     overwrite: bool = False,
     command: str | None = None,
-    on_episode: Callable[[Path, Run], None] | None = None,
+    on_episode: Callable[[Path, EpisodeResult], None] | None = None,
 ) -> PolicyResult:
     """Run a policy, or every checkpoint of a training, on the arm and task of its data set.
 
@@ -116,14 +116,14 @@ def evaluate_policy(
             and another training's checkpoints the same ones.
         horizon: control steps of an episode; the task's own if not given.
         workers: processes; the result does not depend on it.
-        ray: address of a Ray cluster for the workers; see :func:`ocplanner.evaluation.rollouts.run_episodes`.
+        ray: address of a Ray cluster for the workers; see :func:`ocplanner.rollouts.episodes.run_episodes`.
         out: result file; with it, an evaluation that was stopped goes on where it was.
         overwrite: replace ``out`` if it is there.
         command: what remakes the result; the running command if not given.
         on_episode: called with the checkpoint and each episode, those of an earlier run included.
 
     Raises:
-        PlannerFileError: a file is missing or no policy, or no planner.
+        ModelFileError: a file is missing or no policy, or no planner.
         MismatchError: the policy cannot act here, or the planner is not that of its hints.
         InvalidValueError: a number is out of range.
         OutputError: ``out`` cannot be written, is there already, or holds episodes of another evaluation.
@@ -195,14 +195,14 @@ def checkpoints(path: Path) -> list[Path]:
     """The policy files of a run folder by their steps, or the one file.
 
     Raises:
-        PlannerFileError: there is none.
+        ModelFileError: there is none.
     """
     if not path.is_dir():
         return [path]
     folder = path if path.name == "policies" else path / "policies"
     found = sorted(folder.glob("step_*.safetensors"))
     if not found:
-        raise PlannerFileError(
+        raise ModelFileError(
             f"{path} holds no policies/step_*.safetensors; give a policy file or the run folder of "
             "`ocplanner train-policy`"
         )
@@ -233,8 +233,8 @@ def _play(
     workers: int,
     ray: str | None,
     journal: Journal | None,
-    on_episode: Callable[[Path, Run], None] | None,
-) -> dict[int, Run]:
+    on_episode: Callable[[Path, EpisodeResult], None] | None,
+) -> dict[int, EpisodeResult]:
     runs = {} if journal is None else {seed: run for seed, run in journal.runs.items() if seed in seeds}
     if on_episode is not None:
         for seed, run in runs.items():

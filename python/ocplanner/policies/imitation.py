@@ -8,11 +8,11 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor
 
-from ocplanner.planner.optimisation import Optimisation
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
 from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
+from ocplanner.training.optimisation import Optimisation
 
 
 class Imitation:

@@ -14,13 +14,13 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ocplanner.demos.hdf5 import HDF5_MAGIC
-from ocplanner.errors import MismatchError, PlannerFileError, ShapeError
+from ocplanner.errors import MismatchError, ModelFileError, ShapeError
+from ocplanner.files.hdf5 import HDF5_MAGIC
+from ocplanner.files.storage import atomic_write
 from ocplanner.policies.actor import Memory
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
-from ocplanner.storage import atomic_write
 
 FORMAT = 1
 _SETUP: dict[str, Any] = {
@@ -92,18 +92,18 @@ class Policy:
             path: the ``.safetensors`` file, or the finished run folder.
 
         Raises:
-            PlannerFileError: the file is missing, damaged, or no policy.
+            ModelFileError: the file is missing, damaged, or no policy.
         """
         path = Path(path)
         path = path / POLICY_FILE if path.is_dir() else path
         try:
             return cls(path, path.read_bytes())
         except OSError as error:
-            raise PlannerFileError(
+            raise ModelFileError(
                 f"{path}: cannot be read: {error.strerror}; give a policy file, or the run folder of a training"
             ) from error
         except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
-            raise PlannerFileError(
+            raise ModelFileError(
                 f"{path} is no policy file ({_found(path, error)}); write one with `ocplanner train-policy`"
             ) from error
 
@@ -111,18 +111,18 @@ class Policy:
         """Check that the file says in what environment the policy acts.
 
         Raises:
-            PlannerFileError: an entry is missing or of another kind.
+            ModelFileError: an entry is missing or of another kind.
         """
         for key, kind in _SETUP.items():
             value = self.config.get(key)
             if key not in self.config or not isinstance(value, kind):
-                raise PlannerFileError(f"{self.path}: its {key} is {value!r}; write it again with `train-policy`")
+                raise ModelFileError(f"{self.path}: its {key} is {value!r}; write it again with `train-policy`")
         robots, scale = self.config["robots"], self.config["action_scale"]
         if not robots or not isinstance(robots[0], str):
-            raise PlannerFileError(f"{self.path}: its robots are {robots!r}; write it again with `train-policy`")
+            raise ModelFileError(f"{self.path}: its robots are {robots!r}; write it again with `train-policy`")
         parts = [(scale or {}).get(part) for part in ("position", "rotation")]
         if self.config["action_frame"] is not None and not all(isinstance(part, int | float) for part in parts):
-            raise PlannerFileError(f"{self.path}: its action_scale is {scale!r}; write it again with `train-policy`")
+            raise ModelFileError(f"{self.path}: its action_scale is {scale!r}; write it again with `train-policy`")
 
     def reset(self, seed: int) -> None:
         """Begin an episode: forget what was seen, and draw actions from this seed."""

@@ -6,8 +6,8 @@ import torch
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError
 from ocplanner.policies.bcq import BCQ
+from ocplanner.policies.converted_episode import load_episode
 from ocplanner.policies.data import Samples
-from ocplanner.policies.foreign_episode import load_episode
 from ocplanner.policies.learner import EVALUATION_BATCH
 from ocplanner.policies.policy import Policy
 
@@ -16,7 +16,7 @@ def q_values(policy: Policy, demos: Demonstrations, name: str) -> np.ndarray:
     """(E, T) float32: Q(s_t, a_t) of each of E critics for the recorded actions of an episode of T steps.
 
     The first critic is the one that acts. Rewards and dones of the episode are not read, so it may have none; and it
-    may be of another robosuite version, see :func:`ocplanner.policies.foreign_episode.load_episode`. To ask several
+    may be of another robosuite version, see :func:`ocplanner.policies.converted_episode.load_episode`. To ask several
     policies about one episode, load it once and give it to :func:`values_of`.
 
     Args:

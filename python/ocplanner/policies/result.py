@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation.intervals import wilson
-from ocplanner.storage import atomic_json
-from ocplanner.transfer.result import Run
+from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.storage import atomic_json
+from ocplanner.rollouts.intervals import wilson
 
 _LAST = 5
 _OF_LATER_FILES = ("seed_start", "horizon", "rewards")
@@ -30,7 +30,7 @@ class Checkpoint:
 
     step: int
     sha256: str
-    runs: tuple[Run, ...]
+    runs: tuple[EpisodeResult, ...]
 
     @property
     def successes(self) -> int:
@@ -187,7 +187,7 @@ def _counted(failures: dict[str, int]) -> str:
 
 def _checkpoint(content: dict[str, Any]) -> Checkpoint:
     runs = tuple(
-        Run(int(run["seed"]), bool(run["success"]), int(run["steps"]), run.get("failure"), None)
+        EpisodeResult(int(run["seed"]), bool(run["success"]), int(run["steps"]), run.get("failure"), None)
         for run in content["runs"]
     )
     return Checkpoint(int(content["step"]), str(content["sha256"]), runs)

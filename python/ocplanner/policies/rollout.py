@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.demos.layouts import Order
+from ocplanner.demos.recorded_observation import recorded_observation
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.envs.recorded_observation import recorded_observation
 from ocplanner.errors import MismatchError
-from ocplanner.holding import Hold
+from ocplanner.guidance.live_hint import LiveHint
 from ocplanner.policies.config import HINT_KEY
-from ocplanner.policies.live_hint import LiveHint
 from ocplanner.policies.policy import Policy
 
 _SCALE_POSITION, _SCALE_ROTATION = 0.05, 0.5
@@ -23,7 +23,7 @@ class Outcome(NamedTuple):
     Attributes:
         success: the task was solved.
         steps: control steps used.
-        failure: None, or ``missed grasp`` (the object was never held, by the rule of :mod:`ocplanner.holding`),
+        failure: None, or ``missed grasp`` (the object was never held, see :mod:`ocplanner.control.grasp_detection`),
             ``lost grasp`` (it was, and is no more) or ``time-out`` (it still is).
     """
 
@@ -77,7 +77,7 @@ class PolicyRollout:
         self.env.reset(seed)
         self.policy.reset(seed)
         main = None if self.hint is None else self.hint.object
-        gripper, hold, held, ever = -1.0, Hold(), False, False
+        gripper, hold, held, ever = -1.0, GraspDetector(), False, False
         for step in range(horizon or self.env.horizon):
             held = hold.update(self.env.object_pose(main), self.env.eef_pose().position, gripper)
             ever = ever or held

@@ -21,17 +21,15 @@ from torch.multiprocessing.spawn import ProcessException
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
-from ocplanner.memory import keep_freed_memory
+from ocplanner.files.storage import locked
 from ocplanner.planner.config import to_dict
-from ocplanner.planner.optimisation import BatchOrder
 from ocplanner.planner.progress import Progress
-from ocplanner.planner.run_folder import RunFolder
-from ocplanner.policies.above_policy import check_recorded
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.bcq import BCQ
 from ocplanner.policies.bcq_learning import BatchConstrainedQ, encoded
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
 from ocplanner.policies.data import Samples, check_horizons, load_samples
+from ocplanner.policies.frozen_sampler import check_recorded
 from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
@@ -39,7 +37,9 @@ from ocplanner.policies.observation import fit_encoders
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
 from ocplanner.settings import require
-from ocplanner.storage import locked
+from ocplanner.training.memory import keep_freed_memory
+from ocplanner.training.optimisation import BatchOrder
+from ocplanner.training.run_folder import RunFolder
 from ocplanner.versions import installed
 
 STAGE = "train"
@@ -68,7 +68,7 @@ def train_policy(
         run: run folder, made when absent; on several machines it must be shared.
         processes: training processes on this machine: one a GPU, or CPU processes.
         sampler: file of the policy that proposes, if ``config`` is that of
-            :func:`ocplanner.policies.above_policy.above_policy`.
+            :func:`ocplanner.policies.frozen_sampler.above_policy`.
 
     Returns:
         The policy file's path: the last weights (averaged ones with ``ema``). Earlier ones are in ``run/policies``.

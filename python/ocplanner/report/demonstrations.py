@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.segments import manipulation_segment
+from ocplanner.drawing.style import new_figure, styled
 from ocplanner.envs import make_env
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.errors import InvalidValueError
 from ocplanner.report.overlays import film_strip, show_image
-from ocplanner.report.style import new_figure, styled
 
 
 def paths_figure(

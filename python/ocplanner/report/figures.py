@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from ocplanner.drawing.style import save_figure
+from ocplanner.drawing.video import read_video
 from ocplanner.report.heat_map import draw_heat_map, heat_map
 from ocplanner.report.names import distinct_names
 from ocplanner.report.noise_plot import noise_series, success_against_noise
@@ -11,8 +13,6 @@ from ocplanner.report.policy_curves import policy_curves, success_curves
 from ocplanner.report.policy_results import policy_cells
 from ocplanner.report.results import group_results
 from ocplanner.report.sources import Sources
-from ocplanner.report.style import save_figure
-from ocplanner.report.video import read_video
 
 
 def write_figures(sources: Sources, folder: str | Path) -> list[Path]:

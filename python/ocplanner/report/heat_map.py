@@ -8,8 +8,8 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
 from ocplanner.report.results import TransferGroup, group_results, read_results
-from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
 
 _SHADES = LinearSegmentedColormap.from_list("rates", ["#ffffff", SERIES[0]])
 _LIGHT_TEXT = 0.6

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ocplanner.drawing.video import read_video
 from ocplanner.errors import ResultFileError
 from ocplanner.report.results import EpisodeRecord, TransferRecord
-from ocplanner.report.video import read_video
 
 _TYPES = {".mp4": "video/mp4", ".png": "image/png", ".svg": "image/svg+xml"}
 

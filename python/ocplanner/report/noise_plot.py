@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
 from ocplanner.errors import ResultFileError
 from ocplanner.report.results import TransferRecord, read_results
-from ocplanner.report.style import SERIES, new_figure, save_figure, styled
 
 _APART = 0.12
 """Between lines at the same position noise, millimetres, so that their intervals do not cover each other."""

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ocplanner.drawing.style import ACHIEVED, PLANNED, new_figure, styled
 from ocplanner.errors import ShapeError
-from ocplanner.report.style import ACHIEVED, PLANNED, new_figure, styled
 
 _OUTLINE = "#10151c"
 _ROOM, _SMALLEST_SHARE = 1.8, 0.3

@@ -9,6 +9,8 @@ import jinja2
 import yaml
 from markupsafe import Markup
 
+from ocplanner.drawing.style import SERIES, page_colors, page_svg
+from ocplanner.files.storage import atomic_write
 from ocplanner.policies.result import PolicyResult
 from ocplanner.report.heat_map import cell_text, heat_map
 from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
@@ -16,10 +18,8 @@ from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
 from ocplanner.report.policy_section import policy_section
 from ocplanner.report.results import TransferGroup, TransferRecord, failure_classes, group_results
-from ocplanner.report.runs import HeldOut, Run, run_labels
+from ocplanner.report.runs import HeldOut, TrainingRun, run_labels
 from ocplanner.report.sources import Sources, find_sources
-from ocplanner.report.style import SERIES, page_colors, page_svg
-from ocplanner.storage import atomic_write
 
 FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
@@ -48,7 +48,7 @@ _DRAWN_HERE = (
 class _Training:
     """What the page says of one run."""
 
-    run: Run
+    run: TrainingRun
     label: str
     color: int
     held_out: list[HeldOut]
@@ -181,14 +181,14 @@ def _figures(paths: Sequence[Path]) -> list[dict[str, str]]:
     return list(shown.values())
 
 
-def _trainings(runs: Sequence[Run]) -> list[_Training]:
+def _trainings(runs: Sequence[TrainingRun]) -> list[_Training]:
     return [
         _Training(run, label, i % len(SERIES), run.held_out())
         for i, (run, label) in enumerate(zip(runs, run_labels(runs)))
     ]
 
 
-def _panels(runs: Sequence[Run]) -> list[Markup]:
+def _panels(runs: Sequence[TrainingRun]) -> list[Markup]:
     wanted = [(stage, "valid_loss", title) for stage, title in LOSSES]
     wanted += [("predictor", value, title) for value, title in ERRORS]
     drawn = [

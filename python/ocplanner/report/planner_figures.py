@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.segments import Segment, manipulation_segment
+from ocplanner.drawing.style import save_figure
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.planner.frames import future, split
@@ -20,7 +21,6 @@ from ocplanner.report.names import distinct_names
 from ocplanner.report.overlays import plan_grid
 from ocplanner.report.plots import latent_map
 from ocplanner.report.segments import segment_figure
-from ocplanner.report.style import save_figure
 
 _SEGMENTS = 6
 
@@ -109,7 +109,7 @@ def draw_planners(planners: Sequence[Path], data: Sequence[Path], folder: Path) 
     Files in run folders are named after the folder. Each planner is drawn on the first data set that fits it.
 
     Raises:
-        PlannerFileError: a file is damaged.
+        ModelFileError: a file is damaged.
         MismatchError: no data set fits a planner.
         DatasetError: a data set is damaged.
     """

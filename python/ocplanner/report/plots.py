@@ -1,6 +1,6 @@
 """Charts of training and of results: Figure 4 and Figure 7 of the paper, success rates and failure classes.
 
-Every function returns a new :class:`matplotlib.figure.Figure`; :func:`ocplanner.report.style.save_figure` writes it.
+Every function returns a new :class:`matplotlib.figure.Figure`; :func:`ocplanner.drawing.style.save_figure` writes it.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
+from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, styled
 from ocplanner.errors import InvalidValueError, ShapeError
 from ocplanner.report.results import TransferGroup, failure_classes
-from ocplanner.report.runs import Run, run_labels
-from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
+from ocplanner.report.runs import TrainingRun, run_labels
 
 _LINES = ("-", "--", "-.", ":")
 _NARROW = 5.0
@@ -28,7 +28,7 @@ ERRORS = (
 )
 
 
-def loss_curves(runs: Sequence[Run]) -> Figure:
+def loss_curves(runs: Sequence[TrainingRun]) -> Figure:
     """Figure 4: validation loss of (a) the LSTM-VAE and (b) the latent predictor, one line a run."""
     with styled():
         figure = new_figure(7.4, 2.9)
@@ -38,7 +38,7 @@ def loss_curves(runs: Sequence[Run]) -> Figure:
     return figure
 
 
-def error_curves(runs: Sequence[Run]) -> Figure:
+def error_curves(runs: Sequence[TrainingRun]) -> Figure:
     """Held-out errors of the whole planner, image to plan, while the latent predictor trains."""
     with styled():
         figure = new_figure(7.4, 2.6)
@@ -48,15 +48,15 @@ def error_curves(runs: Sequence[Run]) -> Figure:
     return figure
 
 
-def curve_panel(runs: Sequence[Run], stage: str, value: str, title: str) -> Figure:
-    """One panel of the figures above, without a legend: colours follow :data:`ocplanner.report.style.SERIES`."""
+def curve_panel(runs: Sequence[TrainingRun], stage: str, value: str, title: str) -> Figure:
+    """One panel of the figures above, without a legend: colours follow :data:`ocplanner.drawing.style.SERIES`."""
     with styled():
         figure = new_figure(3.6, 2.5)
         run_curves(figure.subplots(), runs, stage, value, title)
     return figure
 
 
-def run_curves(axes: Axes, runs: Sequence[Run], stage: str, value: str, title: str) -> None:
+def run_curves(axes: Axes, runs: Sequence[TrainingRun], stage: str, value: str, title: str) -> None:
     """One line a run; losses that fall far, or that rise far above it, on a logarithmic scale."""
     drawn = False
     for i, (run, label) in enumerate(zip(runs, run_labels(runs))):

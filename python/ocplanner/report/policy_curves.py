@@ -6,11 +6,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from ocplanner.drawing.style import SERIES, new_figure, styled
 from ocplanner.errors import InvalidValueError
 from ocplanner.report.plots import run_curves, shared_legend, step_axis
 from ocplanner.report.policy_results import PolicyCell
-from ocplanner.report.runs import POLICY_STAGE, Run
-from ocplanner.report.style import SERIES, new_figure, styled
+from ocplanner.report.runs import POLICY_STAGE, TrainingRun
 
 _PANEL_HEIGHT = 2.9
 TRAINING_VALUES = (
@@ -21,7 +21,7 @@ TRAINING_VALUES = (
 """Losses are mean negative log-likelihoods, which fall below zero."""
 
 
-def policy_curves(runs: Sequence[Run]) -> Figure:
+def policy_curves(runs: Sequence[TrainingRun]) -> Figure:
     """Loss on recorded actions, in training and held out, and speed, one line a policy's run."""
     with styled():
         figure = new_figure(7.4, 2.6)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
 from ocplanner.errors import DatasetError
 from ocplanner.policies.hint_use import HintUse, check_fits, hint_use, mean_share
 from ocplanner.policies.policy import Policy
@@ -17,7 +18,6 @@ from ocplanner.report.fitting import first_fitting
 from ocplanner.report.names import distinct_names
 from ocplanner.report.plots import step_axis
 from ocplanner.report.policy_results import PolicyKind, policy_kind
-from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
 
 _PARTS = (("position", "x"), ("rotation", "y"))
 _HELD = SERIES[2]
@@ -127,7 +127,7 @@ def draw_policies(policies: Sequence[Path], data: Sequence[Path], folder: Path) 
         folder: where the figures go.
 
     Raises:
-        PlannerFileError: a file is damaged.
+        ModelFileError: a file is damaged.
         MismatchError: no data set fits a policy.
         DatasetError: a data set is damaged, or the object is held in none of its demonstrations.
     """

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ocplanner.errors import ResultFileError
-from ocplanner.evaluation.intervals import wilson
 from ocplanner.policies.result import Checkpoint, PolicyResult
+from ocplanner.rollouts.intervals import wilson
 
 _OF_ONE_TRAINING = ("seed", "threads", "device")
 """Settings that may differ inside a cell."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from ocplanner.evaluation.intervals import wilson
+from ocplanner.drawing.style import SERIES, page_svg
 from ocplanner.report.plots import curve_panel
 from ocplanner.report.policy_curves import TRAINING_VALUES, success_curves
 from ocplanner.report.policy_results import PolicyCell, PolicyKind, policy_cells
-from ocplanner.report.runs import POLICY_STAGE, Run, run_labels
+from ocplanner.report.runs import POLICY_STAGE, TrainingRun, run_labels
 from ocplanner.report.sources import Sources
-from ocplanner.report.style import SERIES, page_svg
+from ocplanner.rollouts.intervals import wilson
 
 _OF_RUN_FOLDER = "data"
 """What a run folder's configuration has beside the training's settings."""
@@ -82,7 +82,7 @@ def _row(cell: PolicyCell) -> PolicyRow:
     )
 
 
-def _bare_row(run: Run) -> PolicyRow:
+def _bare_row(run: TrainingRun) -> PolicyRow:
     seed = run.setting("seed")
     return PolicyRow(run.policy_kind, run.name, (int(seed),) if seed.isdigit() else ())
 
@@ -92,7 +92,7 @@ def _percent(rates: np.ndarray) -> str:
     return f"{mean:.1f}" if len(rates) == 1 else f"{mean:.1f} ± {deviation:.1f}"
 
 
-def _panels(runs: Sequence[Run]) -> list[Markup]:
+def _panels(runs: Sequence[TrainingRun]) -> list[Markup]:
     drawn = [
         (value, title)
         for value, title in TRAINING_VALUES

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ocplanner.control.noisy_pose import PoseError
 from ocplanner.errors import ResultFileError
-from ocplanner.transfer.pose_error import PoseError
-from ocplanner.transfer.result import FAILURES
+from ocplanner.zero_shot.result import FAILURES
 
 _REQUIRED = ("task", "robot", "follow", "observe", "episodes", "successes", "interval", "runs")
 

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.drawing.style import INK, MUTED, SERIES, new_figure, styled
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError
 from ocplanner.report.overlays import show_image
-from ocplanner.report.style import INK, MUTED, SERIES, new_figure, styled
 
 _MOMENTS = 3
 

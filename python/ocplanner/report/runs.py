@@ -36,7 +36,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingRun:
     """One training run.
 
     Attributes:
@@ -98,14 +98,14 @@ class Run:
         return [HeldOut(stage, "source", False, row) for stage, row in latest.items()]
 
 
-def read_run(folder: str | Path) -> Run:
+def read_run(folder: str | Path) -> TrainingRun:
     """Read the run in ``folder``. A last line cut short by a kill is left out.
 
     Raises:
         ResultFileError: there is no ``metrics.jsonl``, or it or ``config.yaml`` is damaged.
     """
     folder = Path(folder)
-    run = Run(folder, _read_config(folder / CONFIG), _read_metrics(folder / METRICS))
+    run = TrainingRun(folder, _read_config(folder / CONFIG), _read_metrics(folder / METRICS))
     try:
         _ = run.setting("horizon"), run.policy_kind
     except (AttributeError, KeyError, TypeError) as error:
@@ -144,7 +144,7 @@ def _read_metrics(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def run_labels(runs: Iterable[Run]) -> list[str]:
+def run_labels(runs: Iterable[TrainingRun]) -> list[str]:
     """A short label for each run that says in what the runs differ, such as ``H = 20, pose``."""
     runs = list(runs)
     differing = [key for key in _DISTINGUISHING if len({run.setting(key) for run in runs}) > 1]

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.segments import manipulation_segment
+from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, styled
 from ocplanner.errors import InvalidValueError
-from ocplanner.report.style import GRID, INK, MUTED, SERIES, new_figure, styled
 
 _HEIGHT, _KEPT, _CLOSED = SERIES[0], SERIES[2], SERIES[1]
 

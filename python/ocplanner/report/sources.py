@@ -14,7 +14,7 @@ from ocplanner.errors import ResultFileError
 from ocplanner.policies.config import POLICY_FILE
 from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_evaluation
 from ocplanner.report.results import TransferRecord, is_result, read_results
-from ocplanner.report.runs import METRICS, Run, read_run
+from ocplanner.report.runs import METRICS, TrainingRun, read_run
 
 PICTURES = (".png", ".svg")
 WEIGHTS = ".safetensors"
@@ -27,7 +27,7 @@ _SKIPPED = ("checkpoints", "tensorboard", "node_modules", "__pycache__")
 class Sources:
     """What was found, each in the order of the paths given, then by name."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[TrainingRun, ...]
     records: tuple[TransferRecord, ...]
     videos: tuple[Path, ...]
     figures: tuple[Path, ...]
@@ -36,12 +36,12 @@ class Sources:
     evaluations: tuple[PolicyRecord, ...]
 
     @property
-    def planner_runs(self) -> list[Run]:
+    def planner_runs(self) -> list[TrainingRun]:
         """Those that trained a planner."""
         return [run for run in self.runs if not run.of_policy]
 
     @property
-    def policy_runs(self) -> list[Run]:
+    def policy_runs(self) -> list[TrainingRun]:
         """Those that trained a policy."""
         return [run for run in self.runs if run.of_policy]
 

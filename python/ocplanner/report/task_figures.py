@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ocplanner.envs import make_env
 from ocplanner.envs.tasks import Task
 from ocplanner.errors import InvalidValueError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 from ocplanner.report.overlays import film_strip
 
 _SETTLING_STEPS = 10  # dropped objects come to rest

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let name = match error {
         Error::Shape { .. } => "ShapeError",
-        Error::WeightFile { .. } => "PlannerFileError",
+        Error::WeightFile { .. } => "ModelFileError",
         _ => "InvalidValueError",
     };
     named(py, name, error.to_string())

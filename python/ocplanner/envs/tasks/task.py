@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ocplanner.errors import UnknownNameError
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 Placing = Literal["drop", "insert", "trace"]
 PART = ":"

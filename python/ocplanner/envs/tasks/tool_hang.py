@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 
 from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 # The frame lies on its side, its y pointing down, and is held by the grip on its vertical bar.
 _GRIP = np.array([0.04375, 0.0, 0.0525])

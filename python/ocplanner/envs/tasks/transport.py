@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 
 from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
-from ocplanner.pose import Pose
+from ocplanner.geometry.pose import Pose
 
 _HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
 _GRIPS = (

@@ -11,7 +11,7 @@ import torch
 from robomimic.utils.file_utils import load_dict_from_checkpoint
 from torch import Tensor
 
-from ocplanner.errors import MismatchError, PlannerFileError
+from ocplanner.errors import MismatchError, ModelFileError
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HINT_KEY, ObservationConfig
@@ -39,7 +39,7 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
         ``out``.
 
     Raises:
-        PlannerFileError: the file cannot be read, or is no checkpoint of robomimic.
+        ModelFileError: the file cannot be read, or is no checkpoint of robomimic.
         InvalidValueError: its configuration is none that our networks can honour.
         DatasetError: the data set is missing or damaged.
         MismatchError: no data set is named, or the checkpoint's weights are not those of its configuration.
@@ -50,7 +50,7 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
         weights, shapes = found["model"]["nets"], found["shape_metadata"]["all_shapes"]
         values = json.loads(found["config"])
     except Exception as error:  # unpickling raises anything
-        raise PlannerFileError(f"{checkpoint} is no checkpoint of robomimic's ({error})") from error
+        raise ModelFileError(f"{checkpoint} is no checkpoint of robomimic's ({error})") from error
     given = parse_robomimic_config(values, checkpoint)
     data = data or given.data
     if data is None:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from ocplanner.control.settings import TransferSettings
 from ocplanner.envs import make_env
 from ocplanner.planner.planner import Planner
 from ocplanner.report.viewer.bodies import body_meshes
-from ocplanner.transfer.episode import run_episode
-from ocplanner.transfer.settings import TransferSettings
-from ocplanner.transfer.task_planners import TaskPlanners
+from ocplanner.zero_shot.episode import run_episode
+from ocplanner.zero_shot.task_planners import TaskPlanners
 
 _UNPLANNED = ("grasp", "release", "recover", "go")  # phases in which no plan is followed
 

@@ -8,8 +8,8 @@ from typing import Any, Self
 import numpy as np
 from matplotlib.colors import to_rgb
 
+from ocplanner.drawing.style import ACHIEVED, PLANNED
 from ocplanner.errors import OutputError, VersionError
-from ocplanner.report.style import ACHIEVED, PLANNED
 from ocplanner.report.viewer.playback import Playback
 
 _CONTROL_HZ = 20

@@ -1,0 +1,40 @@
+"""Lift: take the cube, raise it and keep it there."""
+
+import numpy as np
+
+from ocplanner.collection.carrying import Carrier, DemonstrationVariation, NoisyArmProgram, evenly_spaced
+from ocplanner.collection.experts.expert import Expert
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.geometry.pose import Pose
+
+_KEPT = 10  # control steps that the cube is kept up
+
+
+def _manner(rng: np.random.Generator) -> DemonstrationVariation:
+    return DemonstrationVariation(
+        carry_height=rng.uniform(0.91, 0.93),
+        sideways=rng.normal(0.0, 0.02),
+        lookahead=rng.uniform(0.02, 0.035),
+        release_height=0.0,
+        lowering=0.0,
+        yaw_error=0.0,
+        noise=rng.uniform(0.03, 0.12),
+    )
+
+
+def _solve(env: ManipulationEnv, body: NoisyArmProgram, manner: DemonstrationVariation) -> None:
+    carrier = Carrier(env, body, manner)
+    start = carrier.take()
+    path = bowed_path(start.position, manner)
+    carrier.carry(path, start.rotation)
+    carrier.hold(Pose(path[-1], start.rotation), _KEPT)
+
+
+def bowed_path(start: np.ndarray, manner: DemonstrationVariation) -> np.ndarray:
+    """(40, 3) straight up from the cube's place, but for a bow to the robot's left, evenly spaced, metres."""
+    s = np.linspace(0.0, 1.0, 160)[:, None]
+    rise = np.array([0.0, 0.0, manner.carry_height - start[2]])
+    return evenly_spaced(start + s * rise + np.sin(np.pi * s) * [0.0, manner.sideways, 0.0], 40)
+
+
+EXPERT = Expert("Lift", _manner, _solve)

@@ -1,0 +1,180 @@
+"""The pictures of one demonstration, drawn from its states."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ocplanner.collection.silhouettes import Hand, SilhouetteArm
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.recorded_task import segment_rule
+from ocplanner.demos.segments import Segment, manipulation_segment
+from ocplanner.envs import make_env
+from ocplanner.envs.observation import OBSERVE_MODES
+from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.envs.tasks import task as task_of_name
+from ocplanner.envs.visuals import MASK_RGB, visual_preset
+from ocplanner.errors import DatasetError, InvalidValueError, ShapeError, UnknownNameError
+from ocplanner.versions import installed
+
+FRAMES = ("all", "manipulation")
+_POSE_TOLERANCE_M = 1e-3
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """What is drawn.
+
+    Attributes:
+        observe: ``"full"``, ``"masked"`` or ``"no-robot"``.
+        cameras: camera names.
+        size: width and height, pixels.
+        visual: visual preset.
+        silhouettes: arms whose masks are added; with ``"masked"`` only.
+        silhouette_stride: the silhouettes of every so many-th frame are drawn, the others stay empty.
+        frames: ``"all"``, or ``"manipulation"``: frames in which none of the task's objects is manipulated stay zero.
+
+    Raises:
+        InvalidValueError: a number is out of range, or silhouettes are asked for without masks.
+        UnknownNameError: a name is not known.
+    """
+
+    observe: str = "masked"
+    cameras: tuple[str, ...] = ("agentview",)
+    size: int = 84
+    visual: str = "fast"
+    silhouettes: tuple[str, ...] = ()
+    silhouette_stride: int = 1
+    frames: str = "all"
+
+    def __post_init__(self) -> None:
+        if self.observe not in OBSERVE_MODES:
+            raise UnknownNameError("observation", self.observe, OBSERVE_MODES)
+        if self.frames not in FRAMES:
+            raise UnknownNameError("choice of frames", self.frames, FRAMES)
+        visual_preset(self.visual)
+        for name in self.silhouettes:
+            robot_spec(name)
+        if self.silhouettes and self.observe != "masked":
+            raise InvalidValueError(f"silhouettes go with observe=masked, not with observe={self.observe}")
+        if not self.cameras:
+            raise InvalidValueError("no camera to render")
+        for name, value, most in (("size", self.size, 2048), ("silhouette_stride", self.silhouette_stride, 10_000)):
+            if not 1 <= value <= most:
+                raise InvalidValueError(f"{name} must be from 1 to {most}, not {value}")
+
+    def record(self) -> dict[str, Any]:
+        """What is stored with the data set, JSON-ready."""
+        values = asdict(self)
+        values["cameras"], values["silhouettes"] = list(self.cameras), list(self.silhouettes)
+        return {**values, "mask_rgb": list(MASK_RGB), "versions": installed()}
+
+
+class FrameRenderer:
+    """Draws demonstrations of one task recorded with one arm; holds the environments that it needs.
+
+    Args:
+        task_name: the task.
+        robot: the recorded arm.
+        settings: what is drawn.
+
+    Raises:
+        UnknownNameError: the task has no such camera, or a name is not known.
+        RenderingError: no working headless OpenGL.
+    """
+
+    def __init__(self, task_name: str, robot: str, settings: RenderSettings) -> None:
+        self._settings = settings
+        self._task = task_of_name(task_name)
+        size, visual = settings.size, settings.visual
+        self._env = make_env(self._task, robot, cameras=settings.cameras, image_size=size, visual=visual)
+        self._arms = [
+            SilhouetteArm(self._task, robot, name, settings.cameras, size, visual) for name in settings.silhouettes
+        ]
+
+    def render(self, demo: Demonstration) -> dict[str, np.ndarray]:
+        """The arrays to add to a demonstration of T steps, by path.
+
+        ``obs/<camera>_image`` (T, h, w, 3) uint8; with ``masked`` also ``_empty`` (T, h, w, 3) uint8, ``_mask``
+        (T, h, w) bool and, with K silhouettes, ``_silhouettes`` (T, K, h, w) bool.
+
+        Raises:
+            DatasetError: the states do not belong to this task and arm.
+        """
+        settings, states = self._settings, demo.states
+        poses = {spec.name: demo.object_poses(spec.name) for spec in self._task.objects}
+        segments = self._segments(demo, poses)
+        kept = [row for segment in segments for row in range(segment.start, segment.stop)]
+        rows = sorted(set(kept)) if settings.frames == "manipulation" else range(demo.length)
+        stride = settings.silhouette_stride
+        outlined = {row for segment in segments for row in range(segment.start, segment.stop, stride)}
+        arrays = self._allocate(demo.length)
+        for arm in self._arms:
+            arm.start()
+        for row in rows:
+            self._set_state(demo, row, states[row], {name: places[row] for name, (places, _) in poses.items()})
+            self._draw(arrays, row)
+            if row in outlined:
+                self._draw_silhouettes(arrays, row)
+        return arrays
+
+    def close(self) -> None:
+        """Free the environments."""
+        self._env.close()
+        for arm in self._arms:
+            arm.close()
+
+    def _segments(self, demo: Demonstration, poses: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[Segment]:
+        """Where each of the task's objects is manipulated."""
+        if self._settings.frames == "all" and not self._arms:
+            return []
+        segments = []
+        for spec in self._task.objects:
+            rule = segment_rule(self._task.env_name, spec.name)
+            segments.append(manipulation_segment(*poses[spec.name], demo.gripper_actions(spec.arms), rule))
+        return segments
+
+    def _allocate(self, length: int) -> dict[str, np.ndarray]:
+        settings, arrays = self._settings, {}
+        shape = (length, settings.size, settings.size)
+        for camera in settings.cameras:
+            arrays[f"obs/{camera}_image"] = np.zeros((*shape, 3), np.uint8)
+            if settings.observe == "masked":
+                arrays[f"obs/{camera}_empty"] = np.zeros((*shape, 3), np.uint8)
+                arrays[f"obs/{camera}_mask"] = np.zeros(shape, bool)
+            if self._arms:
+                arrays[f"obs/{camera}_silhouettes"] = np.zeros((length, len(self._arms), *shape[1:]), bool)
+        return arrays
+
+    def _set_state(self, demo: Demonstration, row: int, state: np.ndarray, recorded: Mapping[str, np.ndarray]) -> None:
+        try:
+            self._env.set_state(state)
+        except ShapeError as error:
+            raise DatasetError(f"{demo!r}: states do not fit: {error}") from error
+        for name, position in recorded.items():
+            off = float(np.abs(self._env.object_pose(name).position - position).max())
+            if off > _POSE_TOLERANCE_M:
+                raise DatasetError(
+                    f"{demo!r}: the state of step {row} puts the object {1e3 * off:.1f} mm from its recorded pose; "
+                    "the states were recorded with another model: record the demonstration again"
+                )
+
+    def _draw(self, arrays: dict[str, np.ndarray], row: int) -> None:
+        size = self._settings.size
+        for camera in self._settings.cameras:
+            if self._settings.observe != "masked":
+                arrays[f"obs/{camera}_image"][row] = self._env.render(camera, size, size, self._settings.observe)
+                continue
+            empty = self._env.render(camera, size, size, "no-robot")
+            mask = self._env.robot_mask(camera)
+            arrays[f"obs/{camera}_empty"][row] = empty
+            arrays[f"obs/{camera}_mask"][row] = mask
+            arrays[f"obs/{camera}_image"][row] = np.where(mask[..., None], np.array(MASK_RGB, np.uint8), empty)
+
+    def _draw_silhouettes(self, arrays: dict[str, np.ndarray], row: int) -> None:
+        poses = {spec.name: self._env.object_pose(spec.name) for spec in self._task.objects}
+        hands = [Hand(arm.eef_pose(), arm.gripper_opening) for arm in self._env.arms]
+        for number, arm in enumerate(self._arms):
+            for camera, mask in arm.masks(poses, hands).items():
+                arrays[f"obs/{camera}_silhouettes"][row, number] = mask

@@ -1,0 +1,1 @@
+"""Pictures and videos with lines and captions, in the one style of all charts."""

@@ -1,1 +1,0 @@
-"""Rollouts, intervals and tables."""

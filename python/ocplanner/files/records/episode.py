@@ -1,0 +1,32 @@
+"""One line of a journal, and one row of a result file: how an episode ended."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode's outcome.
+
+    Attributes:
+        seed: of the reset.
+        success: whether the task was solved.
+        steps: control steps used.
+        failure: class of a failure, or None.
+        released_by: ``"follower"`` if the object was let go of because of the plan; None otherwise.
+        failed_with: the object in play when a task with several objects failed, or None.
+    """
+
+    seed: int
+    success: bool
+    steps: int
+    failure: str | None
+    released_by: str | None
+    failed_with: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of a result file; ``failed_with`` only where it says something."""
+        content = asdict(self)
+        if self.failed_with is None:
+            del content["failed_with"]
+        return content

@@ -1,0 +1,1 @@
+"""Hints and rewards out of plans, for data sets and live."""

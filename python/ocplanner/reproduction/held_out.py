@@ -1,0 +1,83 @@
+"""``heldout.json``: what each training measured on ``mask/valid``."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ocplanner.errors import ResultFileError
+from ocplanner.files.storage import atomic_json
+from ocplanner.reproduction.experiments import PlannerExperiment
+from ocplanner.versions import installed
+
+NAME = "heldout.json"
+
+
+def is_kept(experiment: PlannerExperiment, results: Path) -> bool:
+    """Whether the results hold all that training this planner would bring: its rows, and its file if transfers run it.
+
+    Raises:
+        ResultFileError: ``heldout.json`` is damaged.
+    """
+    measured = any(row["planner"] == experiment.name for row in read(results)["rows"])
+    return measured and (not experiment.transferred or experiment.file(results).exists())
+
+
+def read(results: Path) -> dict[str, Any]:
+    """The content of ``heldout.json``; no rows if there is no such file.
+
+    Raises:
+        ResultFileError: it cannot be read, or has no rows.
+    """
+    path = results / NAME
+    if not path.exists():
+        return {"rows": []}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        rows = content["rows"]
+        if not all(isinstance(row["planner"], str) for row in rows):
+            raise TypeError("a row names no planner")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{path} is damaged ({error!r}); restore it, or delete it to measure again") from error
+    return content
+
+
+def final_rows(run: Path) -> list[dict[str, Any]]:
+    """The errors that a finished run recorded: one row for each candidate and arm shown."""
+    lines = (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    return [row for row in map(json.loads, lines) if row.get("stage") == "final"]
+
+
+def write(
+    trained: Iterable[PlannerExperiment], order: Sequence[PlannerExperiment], work: Path, results: Path, command: str
+) -> Path:
+    """Put the rows of newly trained planners into ``heldout.json``, in place of the old rows of the same planners.
+
+    One row for each planner, candidate (before and after fine-tuning) and arm shown. Rows of other planners stay; if
+    they were measured with other versions than those now installed, they say so themselves.
+
+    Args:
+        trained: planners whose runs in ``work`` are finished.
+        order: in which the planners are listed; unknown ones come last.
+        work: run folders.
+        results: the folder of ``heldout.json``.
+        command: what remakes the rows.
+
+    Raises:
+        ResultFileError: ``heldout.json`` is damaged.
+        OutputError: it cannot be written.
+    """
+    old, versions = read(results), installed()
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for row in old["rows"]:
+        dated = row if old.get("versions") == versions else {"versions": old.get("versions"), **row}
+        rows.setdefault(row["planner"], []).append(dated)
+    for experiment in trained:
+        final = final_rows(work / experiment.name)
+        rows[experiment.name] = [{"planner": experiment.name, **asdict(experiment), **row} for row in final]
+    listed = {experiment.name: i for i, experiment in enumerate(order)}
+    names = sorted(rows, key=lambda name: listed.get(name, len(listed)))
+    content = {"command": command, "data": "Square PH, mask/valid", "versions": versions}
+    atomic_json(results / NAME, {**content, "rows": [row for name in names for row in rows[name]]})
+    return results / NAME

@@ -1,0 +1,247 @@
+"""Markdown tables of the measured results, from the result files themselves."""
+
+import json
+from collections import defaultdict
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ocplanner.errors import ResultFileError
+from ocplanner.reproduction import encoders, held_out
+from ocplanner.reproduction.policy_experiments import VARIANTS
+from ocplanner.reproduction.policy_tables import PolicyTable
+
+NOTHING = "Not measured yet."
+
+
+def transfer_table(folder: Path) -> str:
+    """A table of every result file in ``folder``: one row a follow mode and observation, one column a robot.
+
+    A cell lists the successes of each training seed in order, and their mean when there are several.
+
+    Raises:
+        ResultFileError: a file is damaged.
+    """
+    cells = _cells(_read(folder), lambda result: (result["follow"], result["observe"]), lambda result: result["robot"])
+    robots = sorted({robot for row in cells.values() for robot in row})
+    return _table(("follow", "observe"), robots, {key: cells[key] for key in sorted(cells)})
+
+
+def mask_error_table(folder: Path, perfect: Path) -> str:
+    """Success rates with masks of the robot that are some pixels off, one column a number of pixels.
+
+    Args:
+        folder: result files with a mask error.
+        perfect: result files of the same transfers without one, shown as 0 px.
+
+    Raises:
+        ResultFileError: a file is damaged.
+    """
+
+    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
+        return result["robot"], result["follow"]
+
+    off = _read(folder)
+    tried = {(*setting(result), result["planner_seed"]) for result in off}
+    exact = [
+        result
+        for result in _read(perfect)
+        if result["observe"] == "masked" and (*setting(result), result["planner_seed"]) in tried
+    ]
+    cells = _cells([*exact, *off], setting, lambda result: int(result["mask_error"]))
+    pixels = sorted({number for row in cells.values() for number in row})
+    texts = {key: {f"{number} px": entry for number, entry in cells[key].items()} for key in sorted(cells)}
+    return _table(("robot", "follow"), [f"{number} px" for number in pixels], texts)
+
+
+def matrix_table(path: Path) -> str:
+    """Successes and 95 % intervals of a ``matrix.json``, one row a task, one column a robot.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    cells: dict[tuple[str, ...], dict[str, str]] = defaultdict(dict)
+    for cell in _load(path)["cells"] if path.exists() else []:
+        low, high = (100 * bound for bound in cell["interval"])
+        text = f"{cell['successes']}/{cell['episodes']} ({low:.0f}-{high:.0f} %)"
+        cells[(cell["task"],)][cell["robot"]] = text
+    robots = list(dict.fromkeys(robot for row in cells.values() for robot in row))
+    return _table(("task",), robots, cells)
+
+
+def failure_table(path: Path) -> str:
+    """Failed episodes of a ``matrix.json`` by class, one row a cell that has any.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    cells = [cell for cell in (_load(path)["cells"] if path.exists() else []) if cell["failures"]]
+    classes = sorted({name for cell in cells for name in cell["failures"]})
+    rows = {
+        (cell["task"], cell["robot"]): {name: str(count) for name, count in cell["failures"].items()} for cell in cells
+    }
+    return _table(("task", "robot"), classes, rows)
+
+
+def pose_noise_table(folder: Path) -> str:
+    """Successes with poses that are wrong, one row a filter and a rotation noise, one column a position noise.
+
+    Raises:
+        ResultFileError: a file is damaged.
+    """
+
+    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
+        steps = result["pose_filter"]
+        return f"{steps} steps" if steps > 1 else "none", f"{result['pose_error']['rotation_deg']:g}°"
+
+    results = _read(folder)
+    cells = _cells(results, setting, lambda result: f"{result['pose_error']['position_mm']:g} mm")
+    sizes = sorted({result["pose_error"]["position_mm"] for result in results})
+    return _table(("averaged over", "rotation noise"), [f"{size:g} mm" for size in sizes], dict(sorted(cells.items())))
+
+
+def held_out_table(results: Path) -> str:
+    """The errors in ``heldout.json`` of each planner before and after fine-tuning, seen on the recorded robot.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    rows = [row for row in held_out.read(results)["rows"] if row["appearance"] == "source"]
+    if not rows:
+        return NOTHING
+    head = ("planner", "stage", "ADE mm", "FDE mm", "path mm", "rotation deg (median)", "last yaw more than 45 deg off")
+    return _markdown(head, map(_errors, rows))
+
+
+def encoder_table(results: Path) -> str:
+    """What the search for the smallest encoder measured, in its order.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    path = results / encoders.NAME
+    if not path.exists():
+        return NOTHING
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+        texts = [_encoder(row) for row in rows]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ResultFileError(f"{path} is damaged ({error!r}); delete it and measure again") from error
+    head = ("encoder", "pool", "steps", "seed", "planner MB", "a plan, ms", "ADE mm", "FDE mm", "rotation deg")
+    return _markdown(head, texts)
+
+
+def policy_table(table: PolicyTable, results: Path) -> str:
+    """One of the paper's tables of policies.
+
+    Raises:
+        ResultFileError: the file is damaged.
+    """
+    rows = table.read(results)
+    if not rows:
+        return NOTHING
+    head = (
+        "policy",
+        "plan",
+        "steps x batch",
+        "best checkpoint %",
+        "of",
+        "last five %",
+        "95 % interval",
+        "seeds",
+        "published best %",
+    )
+    return _markdown(head, map(_policy, rows))
+
+
+def _policy(row: Mapping[str, Any]) -> list[str]:
+    low, high = row["last5_interval"]
+    published, several = row["published_best"], len(row["seeds"]) > 1
+    best, last = (f" ± {row[f'{name}_std']:.1f}" if several else "" for name in ("best", "last5"))
+    return [
+        f"{row['algorithm'].upper()} ({row['observation']})",
+        str(VARIANTS[row["kind"]]) if row["kind"] else "none",
+        ", ".join(row["budgets"]),
+        f"**{row['best_mean']:.1f}**{best} ({', '.join(format(one['best'], '.0f') for one in row['seeds'])})",
+        str(max(row["checkpoints"])),
+        f"{row['last5_mean']:.1f}{last}",
+        f"{low:.1f}-{high:.1f}",
+        str(len(row["seeds"])),
+        "" if published is None else f"{published[0]:.1f} ± {published[1]:.1f}",
+    ]
+
+
+def _encoder(row: Mapping[str, Any]) -> list[str]:
+    return [
+        "ResNet18" if row["encoder"] == "resnet18" else "-".join(map(str, row["channels"])),
+        row["pool"].replace("_", " "),
+        str(row["predictor_steps"] + row["finetune_steps"]),
+        str(row["seed"]),
+        f"{row['bytes'] / 1e6:.1f}",
+        f"{row['plan_ms']:.2f}",
+        *(f"{row[name]:.1f}" for name in ("ade_mm", "fde_mm", "rotation_deg")),
+    ]
+
+
+def _errors(row: Mapping[str, Any]) -> list[str]:
+    posed = "rotation_deg" in row
+    return [
+        f"{row['observe']}, H = {row['horizon']}, {row['outputs']}, seed {row['seed']}",
+        f"{row['candidate']}{' (kept)' if row['kept'] else ''}",
+        *(f"{row[name]:.1f}" for name in ("ade_mm", "fde_mm", "path_mm")),
+        f"{row['rotation_deg']:.1f} ({row['rotation_median_deg']:.1f})" if posed else "",
+        f"{row['yaw_wrong_percent']:.1f} %" if posed else "",
+    ]
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultFileError(f"cannot read {path}: {error}; run its command again") from error
+
+
+def _read(folder: Path) -> list[dict[str, Any]]:
+    results = []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+            missing = {"robot", "follow", "observe", "planner_seed", "mask_error", "successes", "episodes"} - set(
+                result
+            )
+        except (OSError, ValueError, TypeError) as error:
+            raise ResultFileError(f"cannot read {path}: {error}; run its transfer again") from error
+        if missing:
+            raise ResultFileError(f"{path} is no transfer result: it lacks {', '.join(sorted(missing))}")
+        results.append(result)
+    return results
+
+
+def _cells(results: Iterable[Mapping[str, Any]], row: Any, column: Any) -> dict[tuple[str, ...], dict[Any, str]]:
+    """Row -> column -> the text of all training seeds."""
+    entries: dict[tuple[str, ...], dict[Hashable, list[tuple[int, int, int]]]] = defaultdict(lambda: defaultdict(list))
+    for result in results:
+        entry = (result["planner_seed"], result["successes"], result["episodes"])
+        entries[row(result)][column(result)].append(entry)
+    return {key: {name: _cell(sorted(found)) for name, found in line.items()} for key, line in entries.items()}
+
+
+def _cell(entries: Sequence[tuple[int, int, int]]) -> str:
+    counts = ", ".join(f"{successes}/{episodes}" for _, successes, episodes in entries)
+    if len(entries) == 1:
+        return counts
+    mean = sum(successes / episodes for _, successes, episodes in entries) / len(entries)
+    return f"**{100 * mean:.1f} %** ({counts})"
+
+
+def _table(keys: Sequence[str], columns: Sequence[str], cells: Mapping[tuple[str, ...], Mapping[str, str]]) -> str:
+    if not cells:
+        return NOTHING
+    return _markdown(
+        [*keys, *columns], ([*key, *(row.get(name, "") for name in columns)] for key, row in cells.items())
+    )
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "| --- " * len(head) + "|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])

@@ -1,0 +1,1 @@
+"""Episodes dealt out to workers, and what their rates are worth."""

@@ -1,0 +1,1 @@
+"""Optimisation, run folders and checkpoints, whatever is trained."""

@@ -1,0 +1,1 @@
+"""The executor in simulation: episodes, runs, the matrix of robots and tasks."""

@@ -1,0 +1,53 @@
+"""Recording an episode as a video with the plan drawn into the picture."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ocplanner.drawing.overlay import Caption
+from ocplanner.drawing.video import write_episode_video
+from ocplanner.envs.environment import ManipulationEnv
+from ocplanner.zero_shot.episode import Episode
+
+_CAMERA, _SIDE = "agentview", 320
+
+
+class Recorder:
+    """Takes a picture after every control step.
+
+    Args:
+        env: the environment.
+    """
+
+    def __init__(self, env: ManipulationEnv) -> None:
+        self._env = env
+        self.frames: list[np.ndarray] = []
+        self._positions: list[dict[str, np.ndarray]] = []
+
+    def __call__(self) -> None:
+        """Take a picture, and note where the objects are."""
+        self.frames.append(self._env.render(_CAMERA, _SIDE, _SIDE))
+        self._positions.append(
+            {spec.name: self._env.object_pose(spec.name).position for spec in self._env.task.objects}
+        )
+
+    def write(self, path: Path, episode: Episode) -> Path:
+        """Write the mp4: the plan in force in red, the path of the object in play in another colour."""
+        project = self._env.project
+        trace = episode.trace
+        planned: list[np.ndarray | None] = []
+        plans = dict(trace.plans)
+        current = None
+        for step, phase in enumerate(trace.phases):
+            if step in plans:
+                current = project(_CAMERA, plans[step], _SIDE, _SIDE)
+            planned.append(None if phase in ("grasp", "release", "recover", "go") else current)
+        outcome = "success" if episode.success else episode.failure
+        last = len(trace.phases) - 1
+        captions = [
+            Caption(self._env.robot.name, episode.seed, step, phase, outcome if step == last else None)
+            for step, phase in enumerate(trace.phases)
+        ]
+        achieved_world = [positions[name] for positions, name in zip(self._positions, trace.in_play)]
+        achieved = project(_CAMERA, np.array(achieved_world), _SIDE, _SIDE)
+        return write_episode_video(path, self.frames, planned, achieved, captions=captions)
