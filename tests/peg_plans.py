@@ -3,7 +3,7 @@
 import numpy as np
 
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 PEG = np.array([0.23, 0.10])
 

@@ -26,7 +26,7 @@ from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.robots import RobotSpec, robot
 from ocplanner.files.storage import atomic_json
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 from ocplanner.versions import installed
 
 FIRST_SEED = 500

@@ -5,7 +5,7 @@ import pytest
 
 from ocplanner.collection.carrying import DemonstrationVariation, advance, carry_path, evenly_spaced, turned
 from ocplanner.collection.experts import expert_of
-from ocplanner.geometry.symmetry import angle_between, yaw_rotation
+from ocplanner.geometry.rotation import angle_between, yaw_rotation
 
 PLAIN = DemonstrationVariation(
     carry_height=1.0, sideways=0.0, lookahead=0.03, release_height=0.9, lowering=0.01, yaw_error=0.0, noise=0.0

@@ -8,7 +8,7 @@ from ocplanner.control.follower import Follower
 from ocplanner.control.settings import FollowSettings, TransferSettings
 from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between, yaw_rotation
+from ocplanner.geometry.rotation import angle_between, yaw_rotation
 from peg_plans import PEG, plan_to_peg
 
 START = np.array([-0.11, 0.15, 0.83])

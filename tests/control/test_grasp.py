@@ -8,7 +8,7 @@ from ocplanner.control.grasp import choose_grasp, leaning, opening_before, towar
 from ocplanner.envs.robots import robot
 from ocplanner.envs.tasks import task
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between
+from ocplanner.geometry.rotation import angle_between
 
 NUT = task("Square").object()
 

@@ -4,7 +4,7 @@ import pytest
 from ocplanner.control.hand_over import across, ends_for_hands, ready_beside
 from ocplanner.envs.tasks import task
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 
 class FromTheRight:

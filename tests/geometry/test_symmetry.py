@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ocplanner.geometry.symmetry import angle_between, mean_rotation, nearest_equivalent, yaw_rotation
+from ocplanner.geometry.rotation import angle_between, mean_rotation, yaw_rotation
+from ocplanner.geometry.symmetry import nearest_equivalent
 
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3)
 

@@ -11,7 +11,7 @@ from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between
+from ocplanner.geometry.rotation import angle_between
 from ocplanner.zero_shot.episode import run_episode
 from ocplanner.zero_shot.result import FAILURES
 from peg_plans import plan_to_peg

@@ -14,7 +14,7 @@ from ocplanner.control.settings import GraspSettings
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between
+from ocplanner.geometry.rotation import angle_between
 
 _GAIN = 1.5
 _GRASP = GraspSettings(steep=np.inf)

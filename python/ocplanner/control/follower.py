@@ -14,7 +14,8 @@ from ocplanner.control.arm_program import Reachability, Reading, raised
 from ocplanner.control.settings import TransferSettings
 from ocplanner.envs.tasks.task import Placing
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between, equivalents, mean_rotation, nearest_equivalent
+from ocplanner.geometry.rotation import angle_between, mean_rotation
+from ocplanner.geometry.symmetry import equivalents, nearest_equivalent
 
 Phase = Literal["lift", "transit", "align", "lower", "unstick", "release", "keep", "hand over"]
 

@@ -7,7 +7,7 @@ from ocplanner.control.settings import GraspSettings
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between
+from ocplanner.geometry.rotation import angle_between
 
 _STILL_STEPS = 4
 _BESIDE = 0.01  # m from the object's middle, at which a grasp counts as beside it

@@ -7,7 +7,7 @@ import numpy as np
 from ocplanner.control.arm_program import Reachability
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 _LEAN = 0.25  # rad: the taker's palm is tilted away from the giver's, or their wrists meet
 _FAR = 0.5  # m: a hand does not go toward a meeting that is farther from where it waits

@@ -1,7 +1,6 @@
 """Reading robomimic HDF5 files: v0.1, v1.4.1 and v1.5, with or without images, models, masks and next observations."""
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self, overload
@@ -10,6 +9,7 @@ from ocplanner.demos.demonstration import Demonstration, Recording
 from ocplanner.demos.layouts import Order
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.files.hdf5 import HDF5File
+from ocplanner.files.storage import natural_key
 
 RENDER_ATTRIBUTE = "ocplanner_render"
 LABEL_ATTRIBUTE = "ocplanner_label"
@@ -183,8 +183,3 @@ class Demonstrations(Sequence[Demonstration]):
         controllers = json.dumps(self._env_kwargs().get("controller_configs"))
         one_armed = not {*self.robots} & {"Baxter", "Tiago", "GR1", "SpotWithArm"}
         return 7 * len(self.robots) if self.robots and one_armed and '"OSC_POSE"' in controllers else None
-
-
-def natural_key(name: str) -> list[tuple[int, str]]:
-    """Sort key that puts demo_2 before demo_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name) if part]

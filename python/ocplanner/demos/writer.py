@@ -18,10 +18,9 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from ocplanner.demos.dataset import natural_key
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, OutputError
-from ocplanner.files.storage import atomic_json, atomic_write, locked, output_error, seal, sealed
+from ocplanner.files.storage import atomic_json, atomic_write, locked, natural_key, output_error, seal, sealed
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HEADER = "header.json"

@@ -2,19 +2,9 @@
 
 import numpy as np
 
+from ocplanner.geometry.rotation import angle_between, yaw_rotation
+
 _TURNS = 8
-
-
-def angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two rotations (3, 3), radians in [0, pi]."""
-    chord = float(np.linalg.norm(a - b)) / (2 * np.sqrt(2))
-    return 2 * float(np.arcsin(min(1.0, chord)))
-
-
-def yaw_rotation(angle: float) -> np.ndarray:
-    """(3, 3) rotation about z, radians."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def nearest_equivalent(rotation: np.ndarray, reference: np.ndarray, yaw_fold: int) -> np.ndarray:
@@ -51,9 +41,3 @@ def equivalents(rotation: np.ndarray, reference: np.ndarray, yaw_fold: int) -> l
     count = yaw_fold or _TURNS
     turned = [nearest @ yaw_rotation(2 * np.pi * step / count) for step in range(count)]
     return sorted(turned, key=lambda other: angle_between(other, reference))
-
-
-def mean_rotation(rotations: np.ndarray) -> np.ndarray:
-    """Chordal mean of rotations (N, 3, 3): the rotation nearest to their average."""
-    u, _, vt = np.linalg.svd(np.mean(rotations, axis=0))
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.storage import natural_key
 from ocplanner.policies.config import POLICY_FILE
 from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_evaluation
 from ocplanner.report.results import TransferRecord, is_result, read_results
@@ -100,12 +100,7 @@ def _files(folder: Path) -> Iterator[Path]:
         folders[:] = sorted(
             (name for name in folders if not name.startswith(".") and name not in _SKIPPED), key=_natural
         )
-        yield from (Path(parent) / name for name in sorted(files, key=_natural) if not name.startswith("."))
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Numbers inside names in order of value: h5 before h20."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
+        yield from (Path(parent) / name for name in sorted(files, key=natural_key) if not name.startswith("."))
 
 
 def _shown(file: Path) -> bool:

@@ -18,7 +18,7 @@ from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import angle_between
+from ocplanner.geometry.rotation import angle_between
 
 _SWINGING, _RESTING = 60, 2e-5  # steps, m a step: an object that was let go of
 _LEAVING, _AWAY = 30, 0.06  # steps, m: a hand that has given something away goes up; from where it is out of the way

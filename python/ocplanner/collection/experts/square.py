@@ -6,7 +6,7 @@ from ocplanner.collection.carrying import Carrier, DemonstrationVariation, Noisy
 from ocplanner.collection.experts.expert import Expert
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 _HANDLE_TOWARD_ROBOT = np.pi
 

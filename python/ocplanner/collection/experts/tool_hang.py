@@ -7,7 +7,7 @@ from ocplanner.collection.carrying import Carrier, DemonstrationVariation, Noisy
 from ocplanner.collection.experts.expert import Expert
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 _UPRIGHT = yaw_rotation(np.pi)  # the frame's arm away from the robot, the hand from the left
 _ASIDE = np.array([0.0, 0.15, 0.0])  # where the hand goes that has inserted the frame, m

@@ -8,7 +8,7 @@ from ocplanner.collection.carrying import Carrier, DemonstrationVariation, Noisy
 from ocplanner.collection.experts.expert import Expert
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.geometry.pose import Pose
-from ocplanner.geometry.symmetry import yaw_rotation
+from ocplanner.geometry.rotation import yaw_rotation
 
 _LID_ASIDE = np.array([-0.2, -0.45])  # where the lid is put on its table, world, m
 _LID_RELEASE = 0.835  # height at which the lid is let go of: it lies at 0.82, m

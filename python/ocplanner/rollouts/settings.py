@@ -1,0 +1,26 @@
+"""Where episodes run."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from ocplanner.settings import require
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """How many workers run episodes side by side, and where. Results do not depend on it.
+
+    Raises:
+        InvalidValueError: there is no worker.
+    """
+
+    workers: int = 1
+    """Worker processes."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for a cluster on this machine."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        require(self.workers >= 1, f"workers is {self.workers}, but must be at least 1")
