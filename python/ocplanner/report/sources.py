@@ -98,7 +98,7 @@ def _distinct(records: Iterable[TransferRecord]) -> tuple[TransferRecord, ...]:
 def _files(folder: Path) -> Iterator[Path]:
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(
-            (name for name in folders if not name.startswith(".") and name not in _SKIPPED), key=_natural
+            (name for name in folders if not name.startswith(".") and name not in _SKIPPED), key=natural_key
         )
         yield from (Path(parent) / name for name in sorted(files, key=natural_key) if not name.startswith("."))
 
