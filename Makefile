@@ -94,12 +94,13 @@ wheel: setup $(VENV)/.zig ## The sdist, and wheels for Linux since 2014: x86-64,
 faults: setup ## Kill, fill and damage every verb some thousand times (half an hour and more); writes results/faults.json
 	$(BIN)/python tests/faults/inject.py --output results/faults.json
 
-lint: setup ## Formatting, lints and types, without changing anything
+lint: setup ## Formatting, lints, types and which room may import which, without changing anything
 	cargo fmt --check
 	cargo clippy --release --all-targets --quiet -- --deny warnings
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+	$(BIN)/lint-imports
 
 format: setup ## Format the sources and apply the safe lint fixes
 	cargo fmt

@@ -69,9 +69,14 @@ class Recorder:
         self._step("bcq/policy.safetensors", "train-policy", *bcq)
         evaluated = ["--policy", "bc/policy.safetensors", *square, "--episodes", "2", "--horizon", "120"]
         self._step("evaluation.json", "evaluate", *evaluated, "--out", "evaluation.json")
-        cells = ["--matrix", "--planners", str(PLANNERS), "--episodes", str(self.episodes), "--workers", "2"]
-        self._step("matrix.json", "transfer", *cells, "--out", "matrix.json")
+        cells = ["--planners", str(PLANNERS), "--episodes", str(self.episodes), "--workers", "2"]
+        self._step("matrix.json", *self._matrix(), *cells, "--out", "matrix.json")
         self._python("environments.txt", ENVIRONMENTS)
+
+    def _matrix(self) -> list[str]:
+        """The verb; an older version has it as a flag."""
+        shown = (self.folder / "help_transfer.txt").read_text(encoding="utf-8")
+        return ["transfer", "--matrix"] if "--matrix" in shown else ["matrix"]
 
     def _step(self, made: str, *arguments: str, keep_output: bool = False) -> None:
         self._run(made, [self.python, "-m", "ocplanner", *arguments], keep_output)
