@@ -32,6 +32,39 @@ def test_agrees_with_scipy(seed: int) -> None:
     np.testing.assert_allclose(_core.geodesic_angle(a, b), angle, atol=1e-9)
 
 
+def numpy_rotation_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
+    """The formula that planners were trained with, one rounding an operation."""
+    x, y, z, w = np.moveaxis(quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+@given(arrays(np.float64, (50, 4), elements=st.floats(-10, 10)))
+def test_quaternions_round_as_in_numpy(quat: np.ndarray) -> None:
+    quat = quat[np.linalg.norm(quat, axis=-1) > 1e-6]
+    expected = numpy_rotation_from_quat_xyzw(quat)
+    np.testing.assert_array_equal(_core.rotation_from_quat_xyzw(quat), expected)
+    np.testing.assert_array_equal(_core.rotation_from_quat_wxyz(quat[:, [3, 0, 1, 2]].copy()), expected)
+
+
+def test_recorded_quaternions_round_as_in_numpy() -> None:
+    rng = np.random.default_rng(0)
+    recorded = rng.normal(size=(100_000, 4))
+    recorded /= np.linalg.norm(recorded, axis=-1, keepdims=True)
+    for quat in (recorded, recorded.astype(np.float32).astype(np.float64)):
+        np.testing.assert_array_equal(_core.rotation_from_quat_xyzw(quat), numpy_rotation_from_quat_xyzw(quat))
+
+
+@pytest.mark.parametrize("component", [0.0, np.nan, np.inf, -np.inf])
+def test_quaternions_without_a_direction_are_errors(component: float) -> None:
+    with pytest.raises(InvalidValueError, match=r"quaternion .*finite and different from zero"):
+        _core.rotation_from_quat_xyzw(np.full((3, 4), component))
+
+
 @given(arrays(np.float64, (4, 6), elements=st.floats(allow_nan=True, allow_infinity=True)))
 def test_six_numbers_give_a_rotation_or_an_error(rot6d: np.ndarray) -> None:
     try:

@@ -148,6 +148,9 @@ pub fn rotation_to_6d(rotation: &Matrix3) -> [f64; 6] {
 
 /// Rotation from a quaternion in the order x, y, z, w, of any length but zero.
 ///
+/// Data sets are read with this function and planners are trained on the result, so that its rounding is part of its
+/// contract: divide by the length, then multiply and add in the written order, without fused operations.
+///
 /// # Errors
 /// [`Error::Value`] if it is zero or not finite.
 pub fn rotation_from_quat_xyzw(quat_xyzw: &[f64; 4]) -> Result<Matrix3> {
@@ -159,9 +162,12 @@ pub fn rotation_from_quat_xyzw(quat_xyzw: &[f64; 4]) -> Result<Matrix3> {
             expected: "finite and different from zero",
         });
     }
-    let scaled = quat_xyzw.map(|x| x / largest);
-    let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let [x, y, z, w] = scaled.map(|c| c / length);
+    let squared_length = |quat: &[f64; 4]| quat.iter().map(|x| x * x).sum::<f64>();
+    // Squares of huge and of tiny numbers are representable only after scaling.
+    let fits = squared_length(quat_xyzw).is_normal();
+    let quat = if fits { *quat_xyzw } else { quat_xyzw.map(|x| x / largest) };
+    let length = squared_length(&quat).sqrt();
+    let [x, y, z, w] = quat.map(|c| c / length);
     Ok([
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
         [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
@@ -354,6 +360,16 @@ mod tests {
             assert!((norm(&log) - PI).abs() < 1e-12);
         }
         assert_eq!(rotation_log(&IDENTITY).unwrap(), [0.0; 3]);
+    }
+
+    #[test]
+    fn quaternions_of_extreme_length_give_the_same_rotation() {
+        let rotation = rotation_from_quat_xyzw(&[0.1, -0.2, 0.3, 0.9]).unwrap();
+        for factor in [1e-320, 1e-300, 1e-160, 1e160, 1e300] {
+            let quat = [0.1, -0.2, 0.3, 0.9].map(|x| x * factor);
+            let tolerance = if factor < 1e-310 { 1e-3 } else { 1e-14 }; // few digits are left of 1e-321
+            assert!(close(&rotation_from_quat_xyzw(&quat).unwrap(), &rotation, tolerance), "{factor}");
+        }
     }
 
     #[test]
