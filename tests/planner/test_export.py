@@ -1,17 +1,22 @@
 import itertools
 import json
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
+from safetensors.numpy import load_file
 
-from ocplanner.errors import ModelFileError, TrainingError
+from ocplanner import _core
+from ocplanner.errors import TrainingError
+from ocplanner.planner.augment import to_input
 from ocplanner.planner.config import EncoderConfig, preset
-from ocplanner.planner.export import Provenance, export_planner, folded, planner_tensors, read_planner_file
+from ocplanner.planner.export import Provenance, export_planner, folded, planner_tensors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
-from ocplanner.planner.reference import plan_with
+from torch_reference import reference
 
 ENCODERS = {
     "small-flatten": EncoderConfig(),
@@ -33,6 +38,16 @@ def trained_looking(config) -> PlannerNetwork:
             module.running_mean.normal_(std=0.2)
             module.running_var.uniform_(0.5, 2.0)
     return network.eval()
+
+
+def probe(batch: int, cameras: tuple[str, ...] = ("agentview",)) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(5)
+    return {camera: rng.integers(0, 256, (batch, 84, 84, 3), dtype=np.uint8) for camera in cameras}
+
+
+def header(path: Path) -> dict:
+    with safe_open(path, framework="numpy") as file:
+        return json.loads(file.metadata()["ocplanner"])
 
 
 @pytest.fixture
@@ -58,14 +73,18 @@ def test_the_file_plans_as_the_network(tiny, provenance, tmp_path, encoder, mode
     base = tiny(cameras=("agentview", "robot0_eye_in_hand")[:cameras])
     config = replace(base, network=replace(base.network, modes=modes, outputs=outputs, encoder=ENCODERS[encoder]))
     network = trained_looking(config)
-    images = {camera: torch.rand(3, 3, 76, 76) for camera in config.cameras}
-    export_planner(network, config, provenance, tmp_path / "planner.safetensors", images)
-    description, tensors = read_planner_file(tmp_path / "planner.safetensors")
+    images, path = probe(3, config.cameras), tmp_path / "planner.safetensors"
+    export_planner(network, config, provenance, path, images)
     with torch.inference_mode():
-        expected = network(images)
-        found = plan_with(tensors, description, images)
-    assert found.shape == (3, 5, 9 if outputs == "pose" else 3)
-    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+        numbers = network({camera: to_input(image, 76) for camera, image in images.items()}).numpy()
+    expected, turned = provenance.normaliser.decode(numbers)
+    found = reference(header(path)["config"], load_file(path), images)
+    best = found["probability"].argmax(axis=1)
+    assert found["position"].shape == (3, modes, 5, 3)
+    np.testing.assert_allclose(found["position"][range(3), best], expected, rtol=1e-5, atol=1e-5)
+    assert (turned is None) == (outputs == "position")
+    if turned is not None:
+        np.testing.assert_allclose(found["rotation"][range(3), best], turned, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("horizon", [5, 20, 50])
@@ -73,18 +92,17 @@ def test_the_cpu_preset_stays_below_five_megabytes(provenance, tmp_path, horizon
     config = preset("cpu")
     config = replace(config, network=replace(config.network, horizon=horizon))
     path = tmp_path / "planner.safetensors"
-    export_planner(trained_looking(config), config, provenance, path, {"agentview": torch.rand(1, 3, 76, 76)})
+    export_planner(trained_looking(config), config, provenance, path, probe(1))
     assert path.stat().st_size < 5_000_000
 
 
 def test_metadata(tiny, provenance, tmp_path):
     config = tiny()
     path = tmp_path / "planner.safetensors"
-    export_planner(trained_looking(config), config, provenance, path, {"agentview": torch.rand(1, 3, 76, 76)})
-    with safe_open(path, framework="pt") as file:
-        header = json.loads(file.metadata()["ocplanner"])
-    assert (header["format"], header["kind"]) == (1, "planner")
-    found = header["config"]
+    export_planner(trained_looking(config), config, provenance, path, probe(1))
+    about = header(path)
+    assert (about["format"], about["kind"]) == (1, "planner")
+    found = about["config"]
     assert found["task"] == "Square"
     assert found["object"] == "SquareNut"
     assert found["mask_rgb"] == [255, 0, 255]
@@ -136,20 +154,20 @@ def test_folding_equals_normalising():
     torch.testing.assert_close(torch.nn.functional.conv2d(x, weight, bias), norm(conv(x)), rtol=1e-5, atol=1e-5)
 
 
-def test_a_file_that_plans_differently_is_not_written(tiny, provenance, tmp_path, monkeypatch):
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_file_from_which_the_engine_plans_differently_is_not_written(tiny, provenance, tmp_path, monkeypatch, part):
     config = tiny()
-    monkeypatch.setattr("ocplanner.planner.export.plan_with", lambda *_: torch.zeros(1, 5, 9))
-    with pytest.raises(TrainingError, match="differs from the trained network"):
-        export_planner(
-            trained_looking(config), config, provenance, tmp_path / "p", {"agentview": torch.rand(1, 3, 76, 76)}
-        )
+
+    class Engine:
+        def __init__(self, data: bytes) -> None:
+            self._engine = _core.PlannerEngine(data)
+
+        def plan(self, images: list[np.ndarray], all_modes: bool) -> list[np.ndarray]:
+            parts = list(self._engine.plan(images, all_modes))
+            parts[part] = parts[part] + 0.01
+            return parts
+
+    monkeypatch.setattr("ocplanner.planner.export._core", SimpleNamespace(PlannerEngine=Engine))
+    with pytest.raises(TrainingError, match="differs from the trained network by 0"):
+        export_planner(trained_looking(config), config, provenance, tmp_path / "p", probe(1))
     assert not (tmp_path / "p").exists()
-
-
-@pytest.mark.parametrize("content", [None, b"", b"not safetensors at all"])
-def test_reading_what_is_no_planner(tmp_path, content):
-    path = tmp_path / "planner.safetensors"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ModelFileError, match="no planner file"):
-        read_planner_file(path)

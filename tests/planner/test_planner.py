@@ -273,6 +273,7 @@ def damage_cases() -> dict[str, str]:
         "NaN": "value 1 is NaN",
         "infinite": "value 1 is inf",
         "no horizon": "horizon",
+        "no task": "task is missing",
         "horizon 0": "horizon is 0",
         "latent huge": "latent is",
         "crop": "crop 90",
@@ -303,8 +304,8 @@ def test_damaged_files_are_refused(tmp_path: Path, damage: str) -> None:
     }
     tensors = random_tensors(config)
     config.update(changes.get(damage, {}))
-    if damage == "no horizon":
-        del config["horizon"]
+    if damage in ("no horizon", "no task"):
+        del config[damage.removeprefix("no ")]
     if damage == "missing tensor":
         del tensors["predictor.0.weight"]
     if damage == "surplus tensor":

@@ -8,7 +8,6 @@ from safetensors.torch import load_file
 
 from ocplanner.errors import OutputError, TrainingError
 from ocplanner.files.storage import locked
-from ocplanner.planner.export import read_planner_file
 from ocplanner.planner.frames import CameraFrames
 from ocplanner.planner.planner import Planner
 from ocplanner.planner.stages import PredictorStage
@@ -37,14 +36,13 @@ def test_a_run_folder_holds_everything(frames, tmp_path, tiny, settings):
         for appearance in ("source", "IIWA", "Kinova3")
     }
     assert len({row["candidate"] for row in final if row["kept"]}) == 1
-    config, _ = read_planner_file(planner)
-    assert config["training"]["held_out"]["source"]["ade_mm"] > 0
+    assert Planner.load(planner).header.training.held_out["source"]["ade_mm"] > 0
     assert planner.stat().st_mode == (tmp_path / "run" / "config.yaml").stat().st_mode
 
 
 def test_the_visual_preset_of_the_images_travels_with_the_planner(frames, tmp_path, tiny, settings):
     planner = train_on_frames(tiny(), *frames, settings._replace(visual="stock"), tmp_path / "run")
-    assert Planner.load(planner).config["visual"] == "stock"
+    assert Planner.load(planner).header.visual == "stock"
 
 
 def test_losses_fall(frames, tmp_path, tiny, settings):
@@ -159,15 +157,16 @@ def test_plain_images_and_both_latent_losses(frames, tmp_path, observe, loss, ti
     base = tiny()
     config = replace(base, observe=observe, loss=replace(base.loss, latent=loss))
     settings = settings._replace(mask_rgb=None)
-    found, _ = read_planner_file(train_on_frames(config, *plain, settings, tmp_path / "run"))
-    assert found["observe"] == observe
-    assert found["mask_rgb"] is None
+    found = Planner.load(train_on_frames(config, *plain, settings, tmp_path / "run")).header
+    assert found.observe == observe
+    assert found.mask_rgb is None
 
 
 def test_position_planner(frames, tmp_path, tiny, settings):
     base = tiny()
     config = replace(base, network=replace(base.network, outputs="position"))
-    found, tensors = read_planner_file(train_on_frames(config, *frames, settings, tmp_path / "run"))
-    assert found["outputs"] == "position"
-    assert tensors["decoder.head.weight"].shape == (3, 16)
-    assert "rotation_deg" not in found["training"]["held_out"]["source"]
+    path = train_on_frames(config, *frames, settings, tmp_path / "run")
+    found = Planner.load(path).header
+    assert found.outputs == "position"
+    assert load_file(path)["decoder.head.weight"].shape == (3, 16)
+    assert "rotation_deg" not in found.training.held_out["source"]

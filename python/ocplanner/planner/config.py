@@ -3,19 +3,15 @@
 A run folder's ``config.yaml`` is one :class:`PlannerTraining`; the network's part travels in the planner file.
 """
 
-import dataclasses
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ocplanner.files.records.planner import EncoderType, Observe, Outputs, Pool
 from ocplanner.settings import build, require, require_choice
+from ocplanner.settings import to_dict as to_dict
 from ocplanner.training.schedule import StageConfig
 
-Outputs = Literal["pose", "position"]
-Observe = Literal["full", "masked", "no-robot"]
-EncoderType = Literal["small", "resnet18"]
-Pool = Literal["spatial_softmax", "flatten"]
 Preset = Literal["cpu", "robomimic"]
 
 
@@ -205,24 +201,10 @@ def preset(name: str) -> PlannerTraining:
     )
 
 
-def to_dict(config: Any) -> dict[str, Any]:
-    """A configuration as plain JSON and YAML types (tuples become lists)."""
-    return json.loads(json.dumps(dataclasses.asdict(config)))
-
-
 def training_from_dict(values: Mapping[str, Any]) -> PlannerTraining:
-    """The inverse of :func:`to_dict` for :class:`PlannerTraining`.
+    """The settings in a run folder's ``config.yaml`` or a planner's header.
 
     Raises:
         InvalidValueError: a key is unknown or a value is outside its domain.
     """
-    values = dict(values)
-    network = dict(values.pop("network", {}))
-    encoder = dict(network.pop("encoder", {}))
-    parts: dict[str, Any] = {
-        "network": build(NetworkConfig, network | {"encoder": build(EncoderConfig, encoder)}),
-        "loss": build(LossConfig, values.pop("loss", {})),
-        "augmentation": build(AugmentationConfig, values.pop("augmentation", {})),
-    }
-    parts |= {name: build(StageConfig, values.pop(name)) for name in ("vae", "predictor", "finetune") if name in values}
-    return build(PlannerTraining, values | parts)
+    return build(PlannerTraining, values)

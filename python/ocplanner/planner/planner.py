@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ocplanner import _core
 from ocplanner.errors import MismatchError, ModelFileError
+from ocplanner.files.records.planner import PlannerHeader
 
 FILE_NAME = "planner.safetensors"
 """The planner in its run folder."""
@@ -39,8 +40,8 @@ class Planner:
     Attributes:
         path: the file.
         sha256: its hash.
-        engine: the native planner, for what takes one.
-        config: the file's whole configuration.
+        engine: the native planner.
+        header: what the file says about itself.
     """
 
     def __init__(self, path: Path, data: bytes, storage: Literal["f32", "bf16"]) -> None:
@@ -49,7 +50,7 @@ class Planner:
         self.sha256 = hashlib.sha256(data).hexdigest()
         self.engine = _core.PlannerEngine(data, storage)
         self.config: Mapping[str, Any] = MappingProxyType(json.loads(self.engine.config_json))
-        self._cameras: tuple[str, ...] = tuple(self.config["cameras"])
+        self.header = PlannerHeader.from_json(self.engine.config_json)
 
     @classmethod
     def load(cls, path: str | Path, storage: Literal["f32", "bf16"] = "f32") -> "Planner":
@@ -108,17 +109,16 @@ class Planner:
         if not isinstance(images, Mapping):
             raise MismatchError(
                 f"images is a {type(images).__name__}, expected a dictionary of cameras: "
-                f"{{{self._cameras[0]!r}: array of shape (B, h, w, 3) uint8}}"
+                f"{{{self.header.cameras[0]!r}: array of shape (B, h, w, 3) uint8}}"
             )
-        missing = [camera for camera in self._cameras if camera not in images]
+        missing = [camera for camera in self.header.cameras if camera not in images]
         if missing:
             raise MismatchError(
-                f"the planner wants images of {', '.join(self._cameras)}; missing: {', '.join(missing)}; "
+                f"the planner wants images of {', '.join(self.header.cameras)}; missing: {', '.join(missing)}; "
                 f"given: {', '.join(images) or 'none'}"
             )
-        return [images[camera] for camera in self._cameras]
+        return [images[camera] for camera in self.header.cameras]
 
     def __repr__(self) -> str:
         """Name, object and size of the plan."""
-        config = self.config
-        return f"Planner({str(self.path)!r}, horizon={config['horizon']}, outputs={config['outputs']!r})"
+        return f"Planner({str(self.path)!r}, horizon={self.header.horizon}, outputs={self.header.outputs!r})"

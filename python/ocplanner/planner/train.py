@@ -14,6 +14,7 @@ import torch
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, TrainingError
 from ocplanner.files.storage import locked
+from ocplanner.planner.augment import observed
 from ocplanner.planner.config import PlannerTraining, to_dict
 from ocplanner.planner.export import Provenance, export_planner
 from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_frames, split
@@ -227,8 +228,9 @@ class _Training:
             return self.config.keep
         return min(results, key=lambda name: float(np.mean([_score(errors) for errors in results[name].values()])))
 
-    def _probe(self) -> dict[str, torch.Tensor]:
-        return self.material.clean_images(self.material.valid, np.arange(min(4, len(self.material.valid))))
+    def _probe(self) -> dict[str, np.ndarray]:
+        valid, rows = self.material.valid, np.arange(min(4, len(self.material.valid)))
+        return {name: observed(camera, rows, self.settings.mask_rgb) for name, camera in valid.cameras.items()}
 
 
 def _score(errors: PlanErrors) -> float:
