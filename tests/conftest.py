@@ -55,6 +55,25 @@ def tiny_square(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
     return make
 
 
+@pytest.fixture(scope="session")
+def carried_objects(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """``carried_objects("ToolHang") -> Path``: two demonstrations of a task whose objects are carried one by one.
+
+    ``ToolHang``: the frame in steps 10 to 40, the tool in steps 60 to 90. ``TwoArmTransport``: the lid, the rubbish and
+    the hammer, which the first arm carries in steps 110 to 140, holds still, and lets go of at 150, when the second has
+    closed its hand; that one carries it in steps 160 to 190. What is let go of falls.
+    """
+    folder = tmp_path_factory.mktemp("carried_objects")
+
+    @functools.cache
+    def make(env_name: str) -> Path:
+        path = folder / f"{env_name}.hdf5"
+        _write_carried_objects(path, env_name)
+        return path
+
+    return make
+
+
 @pytest.fixture
 def frames() -> np.ndarray:
     """Twelve frames of a dark square that moves right over a light ground, (12, 64, 96, 3) uint8."""
@@ -62,6 +81,31 @@ def frames() -> np.ndarray:
     for i, image in enumerate(images):
         image[28:36, 4 * i : 4 * i + 8] = 40
     return images
+
+
+def _write_carried_objects(path: Path, env_name: str) -> None:
+    if env_name == "ToolHang":
+        carries = [("frame", 0, 10, 40, 40), ("tool", 0, 60, 90, 90)]  # object, arm, closing, last motion, opening
+    else:
+        carries = [("lid", 0, 10, 40, 40), ("trash", 1, 60, 90, 90), ("payload", 0, 110, 140, 150)]
+        carries.append(("payload", 1, 145, 190, 190))
+    arms, steps = 1 + max(arm for _, arm, *_ in carries), carries[-1][-1] + 15
+    actions, positions = np.zeros((steps, 7 * arms)), {name: np.zeros((steps, 3)) for name, *_ in carries}
+    actions[:, 6::7] = -1.0
+    for name, arm, closing, last, opening in carries:
+        actions[closing:opening, 7 * arm + 6] = 1.0
+        positions[name][:, 0] += 0.01 * np.clip(np.arange(steps) - max(closing, last - 30), 0, 30)
+        positions[name][closing + 5 : carries[-1][-1] if name == "payload" else opening, 2] = 0.1
+    with h5py.File(path, "w") as file:
+        kwargs = {"robots": ["Panda"] * arms, "controller_configs": {"type": "OSC_POSE"}}
+        env_args = {"env_name": env_name, "env_version": "1.5.1", "type": 1, "env_kwargs": kwargs}
+        file.create_group("data").attrs.update({"env_args": json.dumps(env_args), "total": 2 * steps})
+        for demo in ("demo_0", "demo_1"):
+            file[f"data/{demo}/actions"] = actions
+            file[f"data/{demo}"].attrs["num_samples"] = steps
+            for name, places in positions.items():
+                file[f"data/{demo}/obs/{name}_pos"] = places
+                file[f"data/{demo}/obs/{name}_quat"] = np.tile([0.0, 0.0, 0.0, 1.0], (steps, 1))
 
 
 def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:

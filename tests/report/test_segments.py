@@ -25,3 +25,12 @@ def test_bad_names(tiny_square):
 def test_irregular_human_demonstrations(square_ph):
     figure = segment_figure(Demonstrations(square_ph), [f"demo_{i}" for i in (191, 8, 17, 26, 53, 197)])
     assert len(figure.axes) == 6
+
+
+@pytest.mark.parametrize(
+    ("env_name", "part", "said"),
+    [("ToolHang", "tool", "35 of 105 steps"), ("TwoArmTransport", "payload:0", "39 of 205 steps")],
+)
+def test_the_kept_frames_are_those_that_training_keeps(carried_objects, env_name, part, said):
+    figure = segment_figure(Demonstrations(carried_objects(env_name)), ["demo_0"], part)
+    assert figure.axes[0].get_title("right") == said

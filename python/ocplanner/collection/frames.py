@@ -8,8 +8,7 @@ import numpy as np
 
 from ocplanner.collection.silhouettes import Hand, SilhouetteArm
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.recorded_task import segment_rule
-from ocplanner.demos.segments import Segment, manipulation_segment
+from ocplanner.demos.segments import Segment
 from ocplanner.envs import make_env
 from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.robots import robot as robot_spec
@@ -104,7 +103,7 @@ class FrameRenderer:
         """
         settings, states = self._settings, demo.states
         poses = {spec.name: demo.object_poses(spec.name) for spec in self._task.objects}
-        segments = self._segments(demo, poses)
+        segments = self._segments(demo)
         kept = [row for segment in segments for row in range(segment.start, segment.stop)]
         rows = sorted(set(kept)) if settings.frames == "manipulation" else range(demo.length)
         stride = settings.silhouette_stride
@@ -125,15 +124,11 @@ class FrameRenderer:
         for arm in self._arms:
             arm.close()
 
-    def _segments(self, demo: Demonstration, poses: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[Segment]:
+    def _segments(self, demo: Demonstration) -> list[Segment]:
         """Where each of the task's objects is manipulated."""
         if self._settings.frames == "all" and not self._arms:
             return []
-        segments = []
-        for spec in self._task.objects:
-            rule = segment_rule(self._task.env_name, spec.name)
-            segments.append(manipulation_segment(*poses[spec.name], demo.gripper_actions(spec.arms), rule))
-        return segments
+        return [demo.manipulation(spec.name) for spec in self._task.objects]
 
     def _allocate(self, length: int) -> dict[str, np.ndarray]:
         settings, arrays = self._settings, {}

@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 
 from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
-from ocplanner.demos.recorded_task import carriers, object_of, recorded_task
+from ocplanner.demos.recorded_task import carriers, object_of, recorded_task, segment_rule
+from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.errors import DatasetError, ObjectLayoutError
 from ocplanner.files.hdf5 import HDF5File
 
@@ -219,6 +220,22 @@ class Demonstration:
         except ObjectLayoutError as error:
             raise self._located(error) from error
         return pose[:, :3].astype(np.float64), rotations
+
+    def manipulation(self, part: str | None = None) -> Segment:
+        """The steps that are kept of an object: those in which it is manipulated, by its task's own rule.
+
+        See :func:`ocplanner.demos.recorded_task.segment_rule` and
+        :func:`ocplanner.demos.segments.manipulation_segment`.
+
+        Args:
+            part: an object, or what one arm does with it (``payload:0``); the task's first object if not given.
+
+        Raises:
+            DatasetError: the object is never manipulated, or its pose or the gripper's actions cannot be read.
+        """
+        part = self.object_names[0] if part is None else part
+        rule = segment_rule(self._recording.env_name, part)
+        return manipulation_segment(*self.object_poses(part), self.carrier_actions(part), rule)
 
     @property
     def object_names(self) -> tuple[str, ...]:

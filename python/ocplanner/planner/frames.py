@@ -10,8 +10,7 @@ import numpy as np
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
-from ocplanner.demos.recorded_task import recorded_task, segment_rule
-from ocplanner.demos.segments import manipulation_segment
+from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.envs.tasks import tasks
 from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.planner.config import PlannerTraining
@@ -234,12 +233,11 @@ def load_frames(
     Raises:
         DatasetError: an array is missing, frames were not rendered, or no frame is kept.
     """
-    rule = segment_rule(demos.env_name, object_name)
     kept = []
     for name in names:
         positions, rotations = demos[name].object_poses(object_name)
         try:
-            segment = manipulation_segment(positions, rotations, demos[name].carrier_actions(object_name), rule)
+            segment = demos[name].manipulation(object_name)
         except DatasetError as error:
             say(f"{name} is left out: {error}")
             continue

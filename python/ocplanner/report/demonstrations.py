@@ -7,7 +7,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.segments import manipulation_segment
 from ocplanner.drawing.style import new_figure, styled
 from ocplanner.envs import make_env
 from ocplanner.envs.observation import OBSERVE_MODES
@@ -81,7 +80,6 @@ def observations_figure(
 
 def _kept_path(demos: Demonstrations, name: str) -> np.ndarray:
     demo = demos[name]
-    main = demo.object_names[0]
-    positions, rotations = demo.object_poses(main)
-    segment = manipulation_segment(positions, rotations, demo.carrier_actions(main))
+    positions, _ = demo.object_poses(demo.object_names[0])
+    segment = demo.manipulation()
     return positions[segment.start : segment.stop]

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.segments import Segment, manipulation_segment
+from ocplanner.demos.segments import Segment
 from ocplanner.drawing.style import save_figure
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, MismatchError
@@ -159,7 +159,7 @@ def _parts(config: Mapping[str, Any], demos: Demonstrations, most: int) -> list[
     for name in [*names.valid, *names.train]:
         positions, rotations = demos[name].object_poses(config["object"])
         with contextlib.suppress(DatasetError):
-            segment = manipulation_segment(positions, rotations, demos[name].carrier_actions(config["object"]))
+            segment = demos[name].manipulation(config["object"])
             parts.append(_Part(name, segment, positions, rotations))
         if len(parts) == most:
             break

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.segments import manipulation_segment
 from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, styled
 from ocplanner.errors import InvalidValueError
 
@@ -48,9 +47,9 @@ def segment_figure(demos: Demonstrations, names: Sequence[str], object_name: str
 
 
 def _panel(axes: Axes, demo: Demonstration, object_name: str) -> None:
-    positions, rotations = demo.object_poses(object_name)
+    positions, _ = demo.object_poses(object_name)
     gripper = demo.carrier_actions(object_name)
-    segment = manipulation_segment(positions, rotations, gripper)
+    segment = demo.manipulation(object_name)
     steps = np.arange(len(positions))
     axes.axvspan(segment.start, segment.stop - 1, color=_KEPT, alpha=0.18, linewidth=0, label="kept")
     axes.plot(steps, positions[:, 2], color=_HEIGHT, label=f"height of {object_name}")
