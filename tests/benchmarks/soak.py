@@ -28,6 +28,7 @@ from machine import machine
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.rendering import open_renderers
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.versions import installed
 
 _OUTPUT = Path("results/soak.json")
@@ -97,7 +98,9 @@ def soak(episodes: int, steps: int, remake: int) -> dict[str, Any]:
     main: list[Sample] = []
     workers: dict[int, list[Sample]] = {}
     start = reported = time.monotonic()
-    for _, sample in run_episodes(partial(Place, remake), partial(play, steps), range(episodes), _WORKERS):
+    for _, sample in run_episodes(
+        partial(Place, remake), partial(play, steps), range(episodes), WorkerSettings(_WORKERS)
+    ):
         workers.setdefault(sample["pid"], []).append(sample)
         main.append({**own_use(), "episodes": len(main) + 1})
         if time.monotonic() - reported > _REPORT_S or len(main) == episodes:

@@ -16,6 +16,7 @@ from turns import taking_turns
 from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.zero_shot.scenario import Scenario, Stage, make_scenario
 
 _PLANNER = Path("results/planners/square_masked_h20_pose_0.safetensors")
@@ -86,7 +87,7 @@ def two_workers(episodes: int, rounds: int = 2) -> SimMeasured:
     for _ in range(rounds):
         for name, workers in (("one worker", 1), ("ours", 2)):
             seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
-            spans = [span for _, span in run_episodes(scenario.make, _span, seeds, workers)]
+            spans = [span for _, span in run_episodes(scenario.make, _span, seeds, WorkerSettings(workers))]
             seconds[name].append(_seconds_a_step(spans))
             processor[name].append(_processor_seconds_a_step(spans))
     return SimMeasured(

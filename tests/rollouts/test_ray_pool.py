@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import uuid
 from collections.abc import Iterator
@@ -19,9 +20,9 @@ import pytest
 
 import ocplanner as ocp
 from ocplanner.errors import ClusterError, MismatchError, VersionError, WorkerError
-from ocplanner.rollouts import ray_cluster
-from ocplanner.rollouts import ray_pool as ray_crew
+from ocplanner.rollouts import ray_cluster, ray_pool
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from random_planner import write_random_planner
 
 SEEDS = range(4)
@@ -128,6 +129,16 @@ def refuses(context: None, seed: int) -> int:
     raise MismatchError("no")
 
 
+def dies_always(context: None, seed: int) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def locks(context: None, seed: int) -> Any:
+    """A result that cannot be pickled."""
+    return threading.Lock()
+
+
 def always_fails(folder: Path, context: None, seed: int) -> int:
     """Two tries kill their process, the third raises what no episode should."""
     tries = len(list(folder.iterdir()))
@@ -139,30 +150,37 @@ def always_fails(folder: Path, context: None, seed: int) -> int:
 
 def test_a_killed_worker_changes_nothing(cluster, tmp_path):
     here = dict(run_episodes(lift, push, SEEDS))
-    there = dict(run_episodes(lift, partial(dies_midway, tmp_path), SEEDS, 2, ray=cluster))
+    there = dict(run_episodes(lift, partial(dies_midway, tmp_path), SEEDS, WorkerSettings(2, cluster)))
     assert (tmp_path / "died").exists()
     assert there == here
     assert not importlib.import_module("ray").is_initialized()
 
 
 def test_more_workers_than_the_cluster_has_room_for(connected):
-    assert dict(run_episodes(nothing, double, range(5), 3, ray=connected)) == {seed: 2 * seed for seed in range(5)}
+    assert dict(run_episodes(nothing, double, range(5), WorkerSettings(3, connected))) == {
+        seed: 2 * seed for seed in range(5)
+    }
 
 
 def test_what_goes_wrong_comes_through(connected, tmp_path, monkeypatch):
     with pytest.raises(MismatchError, match="no"):
-        list(run_episodes(nothing, refuses, [0, 1], 2, ray=connected))
-    with pytest.raises(WorkerError, match=r"(?s)seed 0 killed its worker 3 times.*a mistake in the episode"):
-        list(run_episodes(nothing, partial(always_fails, tmp_path), [0], ray=connected))
-    monkeypatch.setattr(ray_crew, "installed", lambda: {"mujoco": "3.2.0"})
+        list(run_episodes(nothing, refuses, [0, 1], WorkerSettings(2, connected)))
+    with pytest.raises(WorkerError, match="seed 0 failed: ZeroDivisionError: a mistake in the episode") as caught:
+        list(run_episodes(nothing, partial(always_fails, tmp_path), [0], WorkerSettings(ray=connected)))
+    assert "always_fails" in caught.value.__notes__[0]
+    with pytest.raises(WorkerError, match="seed 0 killed its worker 3 times"):
+        list(run_episodes(nothing, dies_always, [0], WorkerSettings(ray=connected)))
+    with pytest.raises(WorkerError, match=r"seed 0 failed: .*cannot pickle"):
+        list(run_episodes(nothing, locks, [0], WorkerSettings(ray=connected)))
+    monkeypatch.setattr(ray_pool, "installed", lambda: {"mujoco": "3.2.0"})
     with pytest.raises(ClusterError, match=r"mujoco .* instead of 3\.2\.0"):
-        list(run_episodes(nothing, refuses, [0], ray=connected))
+        list(run_episodes(nothing, refuses, [0], WorkerSettings(ray=connected)))
 
 
 def test_a_cluster_of_its_own_lasts_as_long_as_the_episodes(monkeypatch):
     with tempfile.TemporaryDirectory(prefix="ocp-ray-", ignore_cleanup_errors=True) as folder:
         monkeypatch.setenv("RAY_TMPDIR", folder)
-        assert dict(run_episodes(nothing, double, [3], ray="local")) == {3: 6}
+        assert dict(run_episodes(nothing, double, [3], WorkerSettings(ray="local"))) == {3: 6}
         assert processes_naming(folder) == []
 
 
@@ -171,7 +189,7 @@ def test_an_address_without_a_cluster_is_told(monkeypatch, address):
     monkeypatch.setattr(ray_cluster, "_PATIENCE_S", 4)
     address = address.format(port=free_port())
     with pytest.raises(ClusterError, match=f"{address}.*ray start --head"):
-        list(run_episodes(nothing, refuses, [0], ray=address))
+        list(run_episodes(nothing, refuses, [0], WorkerSettings(ray=address)))
 
 
 @pytest.mark.parametrize("verb", ["collect", "render", "transfer"])
@@ -192,4 +210,4 @@ def test_commands_hand_the_address_on(tiny_square, tmp_path, capsys, verb):
 def test_a_missing_ray_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(VersionError, match=r"ocplanner\[ray\]"):
-        list(run_episodes(nothing, refuses, [0], ray="auto"))
+        list(run_episodes(nothing, refuses, [0], WorkerSettings(ray="auto")))

@@ -22,6 +22,7 @@ from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
 from ocplanner.errors import DatasetError, InvalidValueError
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require_choice
 
 FIRST_EVALUATION_SEED = 10000
@@ -128,7 +129,7 @@ def collect(
                     "the expert is made for Panda"
                 )
             for number, arrays in run_episodes(
-                workplace.make, attempt_with, [first + k for k in left], workers, ray=ray
+                workplace.make, attempt_with, [first + k for k in left], WorkerSettings(workers, ray)
             ):
                 attempt = number - first
                 if arrays is None:

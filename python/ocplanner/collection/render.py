@@ -5,8 +5,6 @@ masks that other arms would have with their end effector where the recorded one 
 """
 
 import json
-import multiprocessing
-import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,6 +17,7 @@ from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.tasks import task_of_env
 from ocplanner.errors import DatasetError, InvalidValueError
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 
 Progress = Callable[[str, int], None]
 """Called with the name and the number of steps of each demonstration that is done."""
@@ -76,7 +75,7 @@ def render_dataset(
                     progress(name, demos[name].length)
             waiting = [number for number, name in enumerate(names) if name not in done]
             make = partial(_Worker, demos.path.absolute(), task.name, demos.robots[0], settings)
-            for number, arrays in run_episodes(make, _Worker.render, waiting, workers, ray=ray):
+            for number, arrays in run_episodes(make, _Worker.render, waiting, WorkerSettings(workers, ray)):
                 demo = demos[number]
                 writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
                 if progress:
@@ -89,9 +88,6 @@ class _Worker:
     """The source and the environments of one process; made when the first demonstration asks for them."""
 
     def __init__(self, source: Path, task_name: str, robot: str, settings: RenderSettings) -> None:
-        if multiprocessing.parent_process() is not None:
-            # Mesa's software renderer starts a thread a core; with a process a core those only get in each other's way.
-            os.environ.setdefault("LP_NUM_THREADS", "1")
         self._demos = Demonstrations(source)
         self._make = lambda: FrameRenderer(task_name, robot, settings)
         self._renderer: FrameRenderer | None = None

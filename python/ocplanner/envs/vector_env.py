@@ -15,7 +15,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
-from ocplanner.errors import InvalidValueError, OcplannerError, ShapeError, UnknownNameError, WorkerError
+from ocplanner.errors import InvalidValueError, ShapeError, UnknownNameError, WorkerError
 from ocplanner.rollouts.worker import Worker, serve
 
 _TRIES = 3
@@ -151,7 +151,7 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
     def close_extras(self, *, busy: bool = False) -> None:
         """End the worker processes."""
         for worker in self.__dict__.pop("_workers", []):
-            worker.dismiss(busy=busy)
+            worker.stop(busy=busy)
 
     def _begin(self, index: int, seed: int | None) -> Order:
         """The order for a new episode. Seeds are drawn here, in the way of a single environment: workers hold none."""
@@ -190,15 +190,11 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
     def _answers(self, number: int, share: list[Order]) -> list[Any]:
         for _ in range(_TRIES):
             try:
-                kind, value = self._workers[number].receive()
+                return self._workers[number].receive()[-len(share) :]
             except EOFError:
-                self._workers[number].bury()
+                self._workers[number].join()
                 self._workers[number] = Worker(_work, self._options)
                 self._workers[number].send([*self._history(number), *share])
-                continue
-            if kind == "error":
-                raise value
-            return value[-len(share) :]
         raise WorkerError(
             f"a worker of {self.num_envs} environments died {_TRIES} times over the same call; if it never came up, "
             "put what your script does under 'if __name__ == \"__main__\":', since workers import the script anew"
@@ -237,23 +233,18 @@ class _Place:
 
 
 def _work(channel: Connection, options: dict[str, Any]) -> None:
-    # Mesa's software renderer starts a thread a core; with a process a core those only get in each other's way.
-    os.environ.setdefault("LP_NUM_THREADS", "1")
     places: dict[int, _Place] = {}
 
-    def carry_out(orders: list[Order]) -> tuple[str, Any]:
+    def carry_out(orders: list[Order]) -> list[Any]:
         answers = []
-        try:
-            for index, verb, argument in orders:
-                if index not in places:
-                    places[index] = _Place(options)
-                answers.append(getattr(places[index], verb)(argument))
-        except OcplannerError as error:
-            return "error", error
-        return "answers", answers
+        for index, verb, argument in orders:
+            if index not in places:
+                places[index] = _Place(options)
+            answers.append(getattr(places[index], verb)(argument))
+        return answers
 
     try:
-        serve(channel, carry_out)
+        serve(channel, carry_out, "a worker of the vector environment")
     finally:
         for place in places.values():
             place.env.close()

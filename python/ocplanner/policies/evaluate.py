@@ -21,6 +21,7 @@ from ocplanner.policies.policy import Policy
 from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.rollout import PolicyRollout
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require
 from ocplanner.versions import installed
 
@@ -240,7 +241,7 @@ def _play(
         for seed, run in runs.items():
             on_episode(scenario.path_of(seed), run)
     left = [seed for seed in seeds if seed not in runs]
-    for seed, run in run_episodes(partial(PolicyStage, scenario), PolicyStage.play, left, workers, ray=ray):
+    for seed, run in run_episodes(partial(PolicyStage, scenario), PolicyStage.play, left, WorkerSettings(workers, ray)):
         runs[seed] = run
         if journal is not None:
             journal.add(run)

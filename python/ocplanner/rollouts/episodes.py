@@ -1,89 +1,83 @@
-"""Episodes dealt out to workers, with results that depend on the seeds alone."""
+"""Episodes spread over workers; the results depend only on the seeds."""
 
+import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from ocplanner.errors import InvalidValueError, WorkerError
-from ocplanner.rollouts.pool import Crew, close_context
-from ocplanner.rollouts.process_pool import ProcessCrew
-from ocplanner.rollouts.ray_pool import RayCrew
+from ocplanner.errors import WorkerError
+from ocplanner.rollouts.pool import EPISODE, Task, WorkerPool
+from ocplanner.rollouts.process_pool import ProcessPool
+from ocplanner.rollouts.ray_pool import RayPool
+from ocplanner.rollouts.settings import WorkerSettings
 
 Context = TypeVar("Context")
 Result = TypeVar("Result")
 
 _TRIES = 3
+_ONE_WORKER = WorkerSettings()
 
 
 def run_episodes(
     make: Callable[[], Context],
     episode: Callable[[Context, int], Result],
     seeds: Sequence[int],
-    workers: int = 1,
-    *,
-    ray: str | None = None,
+    workers: WorkerSettings = _ONE_WORKER,
 ) -> Iterator[tuple[int, Result]]:
-    """Run one episode for each seed and give the results as they come, in any order.
+    """Run one episode for each seed and yield the results in the order in which the episodes end.
 
-    With one worker everything runs here. With more, or on Ray, each worker is a fresh process that makes its own
-    context; one that dies (killed, out of memory, a crash in native code, a machine of the cluster gone) is replaced
-    and its episode begun again.
+    One worker without Ray is this process. Otherwise each worker is a fresh process that makes its own context. If a
+    worker dies (killed, out of memory, a crash in native code, a lost machine of the cluster), another replaces it and
+    the episode starts again.
 
     Args:
-        make: makes what an episode needs (environment, planner); picklable.
-        episode: runs one episode; picklable, and so is its result.
-        seeds: one an episode.
-        workers: processes.
-        ray: run them on a Ray cluster: its address, ``"auto"`` for the one that this machine belongs to, ``"local"``
-            for one on this machine that lasts as long as the episodes. A connection that is there already is used.
-            Files that the job names must be found on every machine under the same path.
+        make: makes what episodes run in (environment, planner); picklable.
+        episode: runs one episode; it and its result are picklable.
+        seeds: one for each episode.
+        workers: how many workers, and where. On a Ray cluster, every machine must find the files that ``make`` and
+            ``episode`` name under the same paths.
 
     Yields:
         (seed, result).
 
     Raises:
-        InvalidValueError: ``workers`` is not positive.
-        WorkerError: an episode killed its worker three times.
-        ClusterError: there is no Ray cluster, or its workers cannot start.
+        WorkerError: an episode killed its worker three times, or raised an unexpected exception in a worker; a note
+            holds the worker's traceback. In this process the exception itself is raised.
+        ClusterError: there is no Ray cluster, or its workers do not start.
         VersionError: Ray is not installed.
         OcplannerError: as raised by ``make`` or ``episode``.
     """
     if not seeds:
         return
-    if workers < 1:
-        raise InvalidValueError(f"workers is {workers}, but must be at least 1")
-    if ray is not None:
-        yield from _deal(RayCrew(make, episode, min(workers, len(seeds)), ray), seeds)
-    elif workers > 1:
-        yield from _deal(ProcessCrew(make, episode, min(workers, len(seeds))), seeds)
+    task = Task(make, episode)
+    count = min(workers.workers, len(seeds))
+    if workers.ray is not None:
+        yield from _run_in(RayPool(task, count, workers.ray), seeds)
+    elif workers.workers > 1:
+        yield from _run_in(ProcessPool(task, count), seeds)
     else:
-        context = make()
-        try:
+        with contextlib.closing(task):
             for seed in seeds:
-                yield seed, episode(context, seed)
-        finally:
-            close_context(context)
+                yield seed, task.run(seed)
 
 
-def _deal(crew: Crew, seeds: Sequence[int]) -> Iterator[tuple[int, Any]]:
-    waiting, in_hand = deque(seeds), 0
+def _run_in(pool: WorkerPool, seeds: Sequence[int]) -> Iterator[tuple[int, Any]]:
+    waiting, running = deque(seeds), 0
     tries: Counter[int] = Counter()
-    try:
-        while waiting or in_hand:
-            while waiting and crew.hand_out(waiting[0]):
+    with contextlib.closing(pool):
+        while waiting or running:
+            while waiting and pool.submit(waiting[0]):
                 tries[waiting.popleft()] += 1
-                in_hand += 1
-            for ended in crew.collect():
-                in_hand -= 1
+                running += 1
+            for ended in pool.wait():
+                running -= 1
                 if ended.error is not None:
                     raise ended.error
-                if ended.death is None:
+                if ended.crash is None:
                     yield ended.seed, ended.result
                 elif tries[ended.seed] < _TRIES:
                     waiting.appendleft(ended.seed)
                 else:
                     raise WorkerError(
-                        f"the episode of seed {ended.seed} killed its worker {_TRIES} times, lastly: {ended.death}"
+                        f"{EPISODE.format(ended.seed)} killed its worker {_TRIES} times, most recently: {ended.crash}"
                     )
-    finally:
-        crew.close()

@@ -1,46 +1,69 @@
-"""What hands episodes to workers: the one interface of local processes and of a Ray cluster."""
+"""The interface that local processes and a Ray cluster share: a pool of workers that run episodes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ocplanner.errors import OcplannerError
 
+EPISODE = "the episode of seed {}"
+"""How errors name an episode."""
+
 
 @dataclass(frozen=True)
-class Ended:
-    """How an episode that was handed out came to its end.
+class TaskResult:
+    """The outcome of one episode: a result, an error or a crash.
 
     Attributes:
-        seed: of the episode.
-        result: what it returned.
-        error: the error on purpose that it raised instead.
-        death: how its worker died over it instead.
+        seed: the episode's seed.
+        result: what the episode returned.
+        error: what it raised; an unexpected exception arrives as a :class:`ocplanner.errors.WorkerError`.
+        crash: how its worker died.
     """
 
     seed: int
     result: Any = None
     error: OcplannerError | None = None
-    death: str | None = None
+    crash: str | None = None
 
 
-class Crew(Protocol):
-    """Workers that each have at most one episode in hand and make their own context when they get the first."""
+class WorkerPool(Protocol):
+    """Workers that run one episode at a time; each makes its own context before its first episode."""
 
-    def hand_out(self, seed: int) -> bool:
-        """Give an episode to a worker that is free; False if none is."""
+    def submit(self, seed: int) -> bool:
+        """Start an episode on an idle worker; False if no worker is idle."""
         ...
 
-    def collect(self) -> list[Ended]:
-        """Wait until something happens. Nothing may have ended: a worker may have become free."""
+    def wait(self) -> list[TaskResult]:
+        """Wait for something to happen and return the episodes that ended; none if a worker became idle instead."""
         ...
 
     def close(self) -> None:
-        """End the workers, busy or not."""
+        """Stop all workers, busy or not."""
         ...
 
 
-def close_context(context: Any) -> None:
-    """Close what episodes ran in, if it can be closed."""
-    close = getattr(context, "close", None)
-    if close is not None:
-        close()
+class Task:
+    """What a worker runs: a context made once, and one episode after another in it.
+
+    Args:
+        make: makes the context.
+        episode: runs one episode.
+    """
+
+    def __init__(self, make: Callable[[], Any], episode: Callable[[Any, int], Any]) -> None:
+        self._make, self._episode = make, episode
+        self._contexts: list[Any] = []
+
+    def run(self, seed: int) -> Any:
+        """Run one episode and return its result; the first call makes the context."""
+        if not self._contexts:
+            self._contexts.append(self._make())
+        return self._episode(self._contexts[0], seed)
+
+    def close(self) -> None:
+        """Close the context if it exists and has a method ``close``."""
+        for context in self._contexts:
+            close = getattr(context, "close", None)
+            if close is not None:
+                close()

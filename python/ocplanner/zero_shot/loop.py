@@ -14,6 +14,7 @@ from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.files.storage import check_free, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.versions import installed
 from ocplanner.zero_shot.result import TransferResult
 from ocplanner.zero_shot.scenario import Scenario, Stage, make_scenario
@@ -230,7 +231,7 @@ def _film_examples(
     scenario = replace(scenario, filmed=(*good, *bad))
     ended = {run.seed: run for run in result.runs}
     left = [seed for seed in scenario.filmed if again or not _is_there(scenario.video(seed))]
-    for seed, run in run_episodes(scenario.make, Stage.play, left, workers, ray=ray):
+    for seed, run in run_episodes(scenario.make, Stage.play, left, WorkerSettings(workers, ray)):
         if run != ended[seed]:
             raise WorkerError(
                 f"the episode of seed {seed} of {result.task} on {result.robot} ended otherwise when it was run again "
@@ -257,7 +258,7 @@ def _play(
     left = [seed for seed in seeds if seed not in runs]
     if not left:
         return runs
-    for seed, run in run_episodes(scenario.make, Stage.play, left, workers, ray=ray):
+    for seed, run in run_episodes(scenario.make, Stage.play, left, WorkerSettings(workers, ray)):
         runs[seed] = run
         if journal is not None:
             journal.add(run, filmed=scenario.video(seed) is not None)
