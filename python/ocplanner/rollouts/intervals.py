@@ -1,25 +1,68 @@
-"""Confidence intervals of success rates."""
+"""95 % confidence intervals of success rates."""
 
-from math import sqrt
+from collections.abc import Sequence
+
+import numpy as np
 
 from ocplanner.errors import InvalidValueError
 
-_Z_95 = 1.959963984540054
-
 
 def wilson(successes: int, episodes: int) -> tuple[float, float]:
-    """The 95 % Wilson score interval of a success rate.
+    """The Wilson score interval of the success rate of one policy or planner.
 
     Raises:
         InvalidValueError: not 0 <= successes <= episodes.
     """
+    from scipy.stats import binomtest  # takes a second to import
+
     if not 0 <= successes <= episodes:
-        raise InvalidValueError(f"{successes} successes of {episodes} episodes")
+        raise InvalidValueError(f"successes must lie between 0 and the {episodes} episodes, not be {successes}")
     if episodes == 0:
         return 0.0, 1.0
-    rate = successes / episodes
-    weight = _Z_95**2 / episodes
-    centre = (rate + weight / 2) / (1 + weight)
-    half = _Z_95 / (1 + weight) * sqrt(rate * (1 - rate) / episodes + weight / (4 * episodes))
-    low = 0.0 if successes == 0 else max(0.0, centre - half)
-    return low, 1.0 if successes == episodes else min(1.0, centre + half)
+    interval = binomtest(successes, episodes).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def seed_level_interval(
+    outcomes: Sequence[np.ndarray], *, resamples: int = 10_000, seed: int = 0
+) -> tuple[float, float]:
+    """The interval of a success rate over several trainings, by a stratified bootstrap.
+
+    Episodes of one training share its luck, so that all episodes together are no sample of one binomial distribution.
+    As in rliable (Agarwal et al. 2021), each resample draws trainings with replacement, and then episodes within each
+    of them; the interval spans the 2.5th to the 97.5th percentile of the resampled rates. An episode is drawn with its
+    outcomes at all checkpoints, since these start from the same state.
+
+    With one training, the interval tells nothing about other trainings. If all outcomes are equal, resamples are too;
+    then the result is the Wilson interval of as many episodes as all trainings have at one checkpoint.
+
+    Args:
+        outcomes: for each training whether its episodes succeeded: (episodes,) or (checkpoints, episodes), bool or
+            0 and 1. The rate is the mean over trainings of their own rates.
+        resamples: number of resamples.
+        seed: of the resampling.
+
+    Raises:
+        InvalidValueError: there is no training, or one has no episodes, a wrong shape or other values.
+    """
+    trainings = [np.atleast_2d(np.asarray(outcome, dtype=np.float64)) for outcome in outcomes]
+    if not trainings:
+        raise InvalidValueError("an interval over trainings needs the outcomes of at least one training")
+    for number, training in enumerate(trainings):
+        if training.ndim != 2 or training.size == 0 or not np.isin(training, (0, 1)).all():
+            raise InvalidValueError(
+                f"outcomes of training {number} must be (episodes,) or (checkpoints, episodes) of 0 and 1, "
+                f"found an array of shape {np.shape(outcomes[number])}"
+            )
+    episodes = [training.mean(axis=0) for training in trainings]
+    everything = np.concatenate(episodes)
+    if (everything == everything[0]).all() and everything[0] in (0, 1):
+        return wilson(round(everything[0]) * len(everything), len(everything))
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(len(trainings), size=(resamples, len(trainings)))
+    rates = np.empty(drawn.shape)
+    for number, rate in enumerate(episodes):
+        chosen = drawn == number
+        rates[chosen] = rate[rng.integers(len(rate), size=(int(chosen.sum()), len(rate)))].mean(axis=1)
+    low, high = np.quantile(rates.mean(axis=1), (0.025, 0.975))
+    return float(low), float(high)
