@@ -7,6 +7,7 @@ import torch
 from safetensors.torch import load_file
 
 from ocplanner.errors import OutputError, TrainingError
+from ocplanner.files.records.metrics import StepMetrics
 from ocplanner.files.storage import locked
 from ocplanner.planner.frames import CameraFrames
 from ocplanner.planner.planner import Planner
@@ -56,7 +57,7 @@ def test_losses_fall(frames, tmp_path, tiny, settings):
     train_on_frames(config, *frames, settings, tmp_path / "run")
     rows = RunFolder(tmp_path / "run").rows()
     for stage, factor in (("vae", 0.5), ("predictor", 0.9)):
-        losses = [row["loss"] for row in rows if row["stage"] == stage]
+        losses = [row.values["loss"] for row in rows if isinstance(row, StepMetrics) and row.stage == stage]
         assert losses[-1] < factor * losses[0]
 
 
@@ -84,9 +85,10 @@ def test_a_killed_training_continues_to_the_same_weights(frames, tmp_path, monke
     assert expected.keys() == found.keys()
     assert {name for name in expected if not torch.equal(expected[name], found[name])} == set()
     for row, again in zip(*(RunFolder(tmp_path / run).rows() for run in ("whole", "killed")), strict=True):
-        assert row.keys() == again.keys()
-        for key in row.keys() - {"seconds", "loss"}:  # the loss is a mean since the last validation or the stop
-            assert row[key] == (pytest.approx(again[key], rel=1e-6) if isinstance(row[key], float) else again[key])
+        assert replace(row, values={}) == replace(again, values={})
+        assert row.values.keys() == again.values.keys()
+        for key in row.values.keys() - {"seconds", "loss"}:  # the loss is a mean since the last validation or the stop
+            assert row.values[key] == pytest.approx(again.values[key], rel=1e-6)
 
 
 def test_a_finished_run_is_not_trained_again(frames, tmp_path, monkeypatch, tiny, settings):

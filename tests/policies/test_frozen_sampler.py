@@ -40,8 +40,8 @@ def test_critics_choose_among_the_actions_of_a_policy_that_stays_as_it_is(reward
     for name, tensor in before.items():
         torch.testing.assert_close(kept[f"sampler.actor.{name}"], tensor, rtol=0, atol=0)
     rows = RunFolder(tmp_path / "run").rows()
-    assert rows[-1]["valid_critic_loss"] < 0.5 * rows[0]["valid_critic_loss"]
-    assert "vae_reconstruction" not in rows[-1]
+    assert rows[-1].values["valid_critic_loss"] < 0.5 * rows[0].values["valid_critic_loss"]
+    assert "vae_reconstruction" not in rows[-1].values
     policy = Policy.load(path)
     assert policy.training.bcq.sampler_sha256 == Policy.load(below).sha256
     with Demonstrations(rewarded) as demos:

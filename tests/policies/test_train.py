@@ -56,8 +56,8 @@ def test_losses_fall(tiny_square, tmp_path, small, algorithm):
     config = small(algorithm, steps=300, validate_every=100, save_every=300, learning_rate=5e-3)
     train_policy(config, tiny_square(), tmp_path / "run")
     rows = RunFolder(tmp_path / "run").rows()
-    assert rows[-1]["loss"] < rows[0]["loss"] - 5
-    assert rows[-1]["valid_loss"] < rows[0]["valid_loss"]
+    assert rows[-1].values["loss"] < rows[0].values["loss"] - 5
+    assert rows[-1].values["valid_loss"] < rows[0].values["valid_loss"]
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
@@ -66,9 +66,9 @@ def test_rounded_products_learn_as_exact_ones_do(tiny_square, tmp_path, small, a
     rounded = replace(config, precision="bfloat16")
     policies = [train_policy(c, tiny_square(), tmp_path / c.precision) for c in (config, rounded)]
     exact_rows, rows = (RunFolder(policy.parent).rows() for policy in policies)
-    assert rows[0]["loss"] != exact_rows[0]["loss"]
-    assert rows[0]["loss"] == pytest.approx(exact_rows[0]["loss"], abs=0.5)
-    assert rows[-1]["loss"] == pytest.approx(exact_rows[-1]["loss"], abs=2.0)
+    assert rows[0].values["loss"] != exact_rows[0].values["loss"]
+    assert rows[0].values["loss"] == pytest.approx(exact_rows[0].values["loss"], abs=0.5)
+    assert rows[-1].values["loss"] == pytest.approx(exact_rows[-1].values["loss"], abs=2.0)
     assert all(tensor.dtype != torch.bfloat16 for tensor in load_file(policies[1]).values())
 
 
@@ -94,7 +94,8 @@ def test_a_killed_training_continues_to_the_same_weights(
     assert differing(whole, resumed) == set()
     timing = {"seconds", "steps_per_second"}
     seen = [
-        [{key: row[key] for key in row.keys() - timing} for row in RunFolder(p.parent).rows()] for p in (whole, resumed)
+        [replace(row, values={key: row.values[key] for key in row.values.keys() - timing}) for row in rows]
+        for rows in (RunFolder(policy.parent).rows() for policy in (whole, resumed))
     ]
     assert seen[0] == seen[1]
 
@@ -108,10 +109,10 @@ def test_bcq_learns_which_actions_were_rewarded(rewarded, tmp_path, small, sampl
     rows = RunFolder(tmp_path / "run").rows()
     parts = ("vae_reconstruction", "critic_loss") if sampler == "vae" else ("critic_loss",)
     for name in (*parts, *(f"valid_{part}" for part in parts)):
-        assert rows[-1][name] < 0.5 * rows[0][name], name
+        assert rows[-1].values[name] < 0.5 * rows[0].values[name], name
     if sampler == "vae":
-        assert rows[-1]["kl"] > 0.1
-    assert 0.3 < rows[-1]["valid_mean_q"] < 0.7  # half of the actions are worth 1, the others 0
+        assert rows[-1].values["kl"] > 0.1
+    assert 0.3 < rows[-1].values["valid_mean_q"] < 0.7  # half of the actions are worth 1, the others 0
     policy = Policy.load(path)
     with Demonstrations(rewarded) as demos:
         demo = demos["demo_2"]
@@ -139,7 +140,7 @@ def test_a_hint_that_is_the_action_is_learned_from(tiny_square, tmp_path, small,
         settings = {"steps": 400, "validate_every": 400, "save_every": 400, "learning_rate": 5e-3}
         run = tmp_path / f"run_{hint is not None}"
         train_policy(small(algorithm, hint, **settings), data, run)
-        losses[hint] = RunFolder(run).rows()[-1]["valid_loss"]
+        losses[hint] = RunFolder(run).rows()[-1].values["valid_loss"]
     assert losses[(1, 5)] < losses[None] - 3
 
 
@@ -176,7 +177,7 @@ def test_two_processes_train_as_one_does(tiny_square, tmp_path, small, algorithm
         torch.testing.assert_close(two[name], value, rtol=1e-3, atol=1e-5)
     rows = [RunFolder(tmp_path / run).rows() for run in ("one", "two")]
     for a, b in zip(*rows, strict=True):
-        assert a["loss"] == pytest.approx(b["loss"], rel=1e-4)
+        assert a.values["loss"] == pytest.approx(b.values["loss"], rel=1e-4)
 
 
 def test_an_error_reaches_the_user_from_two_processes(tiny_square, tmp_path, small):

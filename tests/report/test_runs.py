@@ -13,13 +13,13 @@ def test_a_run_gives_its_curves_in_order_of_steps(write_run):
 
 def test_final_errors_say_which_stage_was_kept(write_run):
     final = read_run(write_run("run")).held_out()
-    assert [(errors.stage, errors.appearance, errors.kept) for errors in final] == [
+    assert [(errors.candidate, errors.appearance, errors.kept) for errors in final] == [
         ("predictor", "source", False),
         ("predictor", "IIWA", False),
         ("finetune", "source", True),
         ("finetune", "IIWA", True),
     ]
-    assert final[0].row["ade_mm"] == 30.0
+    assert final[0].values["ade_mm"] == 30.0
 
 
 def test_a_run_that_goes_on_gives_its_latest_errors(write_run):
@@ -27,15 +27,23 @@ def test_a_run_that_goes_on_gives_its_latest_errors(write_run):
     lines = [line for line in (folder / "metrics.jsonl").read_text().splitlines() if '"final"' not in line]
     (folder / "metrics.jsonl").write_text("\n".join(lines) + "\n")
     latest = read_run(folder).held_out()
-    assert [(errors.stage, errors.kept, errors.row["step"]) for errors in latest] == [
-        ("predictor", False, 200),
-        ("finetune", False, 200),
+    assert [(errors.candidate, errors.kept, errors.values["valid_loss"]) for errors in latest] == [
+        ("predictor", False, 2.0 / 3),
+        ("finetune", False, 2.0 / 3),
     ]
 
 
-def test_settings_are_found_at_the_top_and_in_the_network(write_run):
-    run = read_run(write_run("run", horizon=50, seed=3))
-    assert [run.setting(key) for key in ("horizon", "seed", "encoder", "absent")] == ["50", "3", "small", ""]
+def test_the_facts_come_from_the_settings_and_from_the_network(write_run):
+    facts = read_run(write_run("run", horizon=50, seed=3)).facts
+    assert [facts.get(name) for name in ("horizon", "seed", "encoder", "absent")] == ["H = 50", "seed 3", "small", None]
+
+
+def test_a_run_without_a_configuration_has_curves_but_no_settings(write_run):
+    folder = write_run("run", steps=3)
+    (folder / "config.yaml").unlink()
+    run = read_run(folder)
+    assert (run.settings, run.facts, run.of_policy) == (None, {}, False)
+    assert len(run.series("vae", "valid_loss")[0]) == 3
 
 
 def test_a_resumed_run_keeps_the_last_value_of_a_repeated_step(write_run):

@@ -8,6 +8,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from ocplanner.errors import TrainingError
+from ocplanner.files.records.metrics import RunConfig, StepMetrics
 from ocplanner.training.run_folder import RunFolder
 
 TENSORS = {
@@ -71,18 +72,18 @@ def test_hostile_facts_are_refused(tmp_path, metadata):
 def test_a_damaged_configuration_is_named(tmp_path, content):
     (tmp_path / "config.yaml").write_bytes(content)
     with pytest.raises(TrainingError, match=r"config\.yaml is damaged \(.*\); remove the run folder"):
-        RunFolder(tmp_path).claim({"seed": 0})
+        RunFolder(tmp_path).claim(RunConfig({"seed": 0}))
     assert (tmp_path / "config.yaml").read_bytes() == content
 
 
 def test_rows_stay_only_with_a_checkpoint(tmp_path):
     folder = RunFolder(tmp_path)
-    folder.record({"stage": "vae", "step": 3, "loss": 0.5})
+    folder.record(StepMetrics("vae", 3, {"loss": 0.5}))
     folder.close()
-    folder.claim({"seed": 0})
+    folder.claim(RunConfig({"seed": 0}))
     assert folder.rows() == []
-    folder.record({"stage": "vae", "step": 3, "loss": 0.5})
+    folder.record(StepMetrics("vae", 3, {"loss": 0.5}))
     folder.close()
     folder.save("latest", TENSORS, FACTS)
-    folder.claim({"seed": 0})
+    folder.claim(RunConfig({"seed": 0}))
     assert len(folder.rows()) == 1

@@ -2,17 +2,17 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, TrainingError
+from ocplanner.files.records.metrics import HeldOutErrors, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
 from ocplanner.planner.augment import observed
 from ocplanner.planner.config import PlannerTraining, to_dict
@@ -71,7 +71,7 @@ def train_on_frames(
     keep_freed_memory()
     with locked(run), _threads(config.threads):
         folder = RunFolder(run)
-        folder.claim({**to_dict(config), "data": {"train": train.digest(), "valid": valid.digest()}})
+        folder.claim(RunConfig(to_dict(config), {"train": train.digest(), "valid": valid.digest()}))
         try:
             return _Training(config, train, valid, settings, folder, progress or Progress()).run()
         finally:
@@ -175,11 +175,11 @@ class _Training:
 
     def _validate(self, stage: Stage, optimisation: Optimisation, step: int, loss: float) -> None:
         optimisation.swap()
-        row: dict[str, Any] = {"stage": stage.name, "step": step, "seconds": round(self.seconds, 1), "loss": loss}
-        row |= stage.validate()
+        values = {"seconds": round(self.seconds, 1), "loss": loss, **stage.validate()}
         optimisation.swap()
+        row = StepMetrics(stage.name, step, values)
         self.folder.record(row)
-        self.progress.say(summary(row))
+        self.progress.say(f"{row.stage}, step {row.step}: {summary(values)}")
 
     def _save(self, name: str, stage: Stage, step: int, optimisation: Optimisation | None) -> None:
         tensors = {f"network.{key}": value for key, value in self.network.state_dict().items()}
@@ -206,13 +206,12 @@ class _Training:
         kept = self._choose(results)
         for name, appearances in results.items():
             for appearance, errors in appearances.items():
-                row = {"stage": "final", "candidate": name, "kept": name == kept, "appearance": appearance}
-                self.folder.record({**row, **errors.as_row()})
+                self.folder.record(HeldOutErrors(errors.as_row(), name, name == kept, appearance))
         self._restore_network(states[kept])
         held_out = {name: errors.as_row() for name, errors in results[kept].items()}
         provenance = Provenance(self.settings, self.material.normaliser, kept, held_out, self.material.train.digest())
         export_planner(self.network, self.config, provenance, self.folder.path / FILE_NAME, self._probe())
-        self.progress.say(f"kept {kept}: {summary({'stage': 'held out', **held_out['source']})}")
+        self.progress.say(f"kept {kept}: held out, {summary(held_out['source'])}")
         return self.folder.path / FILE_NAME
 
     def _appearances(self) -> dict[str, PlanErrors]:
@@ -238,12 +237,10 @@ def _score(errors: PlanErrors) -> float:
     return errors.ade_mm + (errors.rotation_deg or 0.0)
 
 
-def summary(row: dict[str, Any]) -> str:
-    """One line of numbers for people."""
-    text = [str(row["stage"])]
-    if "step" in row:
-        text.append(f"step {row['step']}: loss {row['loss']:.4g}, held out {row['valid_loss']:.4g}")
-    text.append(f"ADE {row['ade_mm']:.1f} mm, FDE {row['fde_mm']:.1f} mm")
-    if "rotation_deg" in row:
-        text.append(f"rotation {row['rotation_deg']:.1f} deg (median {row['rotation_median_deg']:.1f})")
+def summary(values: Mapping[str, float]) -> str:
+    """Losses and errors for people."""
+    text = [f"loss {values['loss']:.4g}, held out {values['valid_loss']:.4g}"] if "loss" in values else []
+    text.append(f"ADE {values['ade_mm']:.1f} mm, FDE {values['fde_mm']:.1f} mm")
+    if "rotation_deg" in values:
+        text.append(f"rotation {values['rotation_deg']:.1f} deg (median {values['rotation_median_deg']:.1f})")
     return ", ".join(text)

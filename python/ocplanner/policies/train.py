@@ -21,6 +21,7 @@ from torch.multiprocessing.spawn import ProcessException
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
+from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.progress import Progress
@@ -42,7 +43,6 @@ from ocplanner.training.optimisation import BatchOrder
 from ocplanner.training.run_folder import RunFolder
 from ocplanner.versions import installed
 
-STAGE = "train"
 _CHECKPOINT_SECONDS = 30.0
 """The most that a kill loses, beside ``checkpoint_every``."""
 
@@ -140,7 +140,7 @@ def _claim(held: ExitStack, folder: RunFolder, config: PolicyTraining, recorded:
     try:
         held.enter_context(locked(folder.path))
         held.callback(folder.close)
-        folder.claim({**to_dict(config), "data": recorded.train.digest()})
+        folder.claim(RunConfig(to_dict(config), recorded.train.digest()))
     except OcplannerError as error:
         return error
     return None
@@ -296,15 +296,15 @@ class _Training:
     def _report(self, step: int, seen: dict[str, float], speed: float) -> None:
         if not self.first:
             return
-        row: dict[str, Any] = {"stage": STAGE, "step": step, "seconds": round(self.seconds, 1), **seen}
-        row |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
+        values = {"seconds": round(self.seconds, 1), **seen}
+        values |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
         text = f"step {step} of {self.config.steps}: loss {seen['loss']:.4g}"
         if self.valid is not None:
             self.learner.swap()
-            row |= {f"valid_{name}": value for name, value in self.learner.held_out(self.valid).items()}
+            values |= {f"valid_{name}": value for name, value in self.learner.held_out(self.valid).items()}
             self.learner.swap()
-            text += f", held out {row['valid_loss']:.4g}"
-        self.folder.record(row)
+            text += f", held out {values['valid_loss']:.4g}"
+        self.folder.record(StepMetrics(POLICY_STAGE, step, values))
         left = (self.config.steps - step) / speed
         self.progress.say(f"{text}, {speed:.1f} steps/s, {left / 60:.1f} minutes left")
 
@@ -344,6 +344,6 @@ class _Training:
         self._sums, self._summed = dict(facts.get("sums", {})), int(facts.get("summed", 0))
         step = int(facts["step"])
         if self.first:
-            self.folder.rewind((STAGE,), STAGE, step)
+            self.folder.rewind((POLICY_STAGE,), POLICY_STAGE, step)
             self.progress.say(f"continuing {self.folder.path} at step {step} of {self.config.steps}")
         return step

@@ -10,6 +10,7 @@ import yaml
 from markupsafe import Markup
 
 from ocplanner.drawing.style import SERIES, page_colors, page_svg
+from ocplanner.files.records.metrics import HeldOutErrors
 from ocplanner.files.storage import atomic_write
 from ocplanner.policies.result import PolicyResult
 from ocplanner.report.heat_map import cell_text, heat_map
@@ -18,7 +19,7 @@ from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
 from ocplanner.report.policy_section import policy_section
 from ocplanner.report.results import TransferGroup, TransferRecord, failure_classes, group_results
-from ocplanner.report.runs import HeldOut, TrainingRun, run_labels
+from ocplanner.report.runs import TrainingRun, run_labels
 from ocplanner.report.sources import Sources, find_sources
 
 FIGURE_CAPTIONS = {
@@ -51,7 +52,7 @@ class _Training:
     run: TrainingRun
     label: str
     color: int
-    held_out: list[HeldOut]
+    held_out: list[HeldOutErrors]
 
 
 def write_report(
@@ -112,7 +113,7 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
         policies=policy_section(sources),
         trainings=_trainings(sources.planner_runs),
         panels=_panels(sources.planner_runs),
-        configurations=[(run.name, yaml.safe_dump(dict(run.config), sort_keys=False)) for run in sources.runs],
+        configurations=[(run.name, yaml.safe_dump(run.config.to_yaml(), sort_keys=False)) for run in sources.runs],
         commands=list(dict.fromkeys(record.command for record in _results(sources) if record.command)),
         versions=_versions(sources),
         planners=_planners(groups),

@@ -8,9 +8,10 @@ from matplotlib.ticker import PercentFormatter
 
 from ocplanner.drawing.style import SERIES, new_figure, styled
 from ocplanner.errors import InvalidValueError
+from ocplanner.files.records.metrics import POLICY_STAGE
 from ocplanner.report.plots import run_curves, shared_legend, step_axis
 from ocplanner.report.policy_results import PolicyCell
-from ocplanner.report.runs import POLICY_STAGE, TrainingRun
+from ocplanner.report.runs import TrainingRun
 
 _PANEL_HEIGHT = 2.9
 TRAINING_VALUES = (

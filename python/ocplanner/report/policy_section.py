@@ -7,15 +7,13 @@ import numpy as np
 from markupsafe import Markup
 
 from ocplanner.drawing.style import SERIES, page_svg
+from ocplanner.files.records.metrics import POLICY_STAGE
 from ocplanner.report.plots import curve_panel
 from ocplanner.report.policy_curves import TRAINING_VALUES, success_curves
 from ocplanner.report.policy_results import PolicyCell, PolicyKind, policy_cells
-from ocplanner.report.runs import POLICY_STAGE, TrainingRun, run_labels
+from ocplanner.report.runs import TrainingRun, run_labels
 from ocplanner.report.sources import Sources
 from ocplanner.rollouts.intervals import wilson
-
-_OF_RUN_FOLDER = "data"
-"""What a run folder's configuration has beside the training's settings."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def policy_section(sources: Sources) -> PolicySection:
     cells = policy_cells(sources.evaluations)
     runs = sources.policy_runs
     evaluated = [record.result.training for record in sources.evaluations]
-    alone = [run for run in runs if {k: v for k, v in run.config.items() if k != _OF_RUN_FOLDER} not in evaluated]
+    alone = [run for run in runs if run.config.settings not in evaluated]
     return PolicySection(
         rows=[_row(cell) for cell in cells] + [_bare_row(run) for run in alone],
         success=Markup(page_svg(success_curves(cells), "success")) if cells else None,  # noqa: S704 escaped by matplotlib
@@ -83,8 +81,7 @@ def _row(cell: PolicyCell) -> PolicyRow:
 
 
 def _bare_row(run: TrainingRun) -> PolicyRow:
-    seed = run.setting("seed")
-    return PolicyRow(run.policy_kind, run.name, (int(seed),) if seed.isdigit() else ())
+    return PolicyRow(run.policy_kind, run.name, () if run.settings is None else (run.settings.seed,))
 
 
 def _percent(rates: np.ndarray) -> str:

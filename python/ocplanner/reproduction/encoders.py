@@ -104,7 +104,7 @@ def write(experiments: Iterable[EncoderExperiment], work: Path, results: Path, c
     rows = []
     for experiment, milliseconds in zip(done, _time(planners), strict=True):
         run = work / "encoders" / experiment.name
-        errors = next(row for row in held_out.final_rows(run) if row["kept"] and row["appearance"] == "source")
+        errors = next(row for row in held_out.final_errors(run) if row.kept and row.appearance == "source").to_json()
         size = (run / FILE_NAME).stat().st_size
         rows.append({"name": experiment.name, **asdict(experiment), "bytes": size, "plan_ms": milliseconds, **errors})
     content = {"command": command, "data": "Square PH, mask/valid", "versions": installed(), "rows": rows}

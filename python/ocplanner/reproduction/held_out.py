@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.records.metrics import METRICS, HeldOutErrors, read_metrics
 from ocplanner.files.storage import atomic_json
 from ocplanner.reproduction.experiments import PlannerExperiment
 from ocplanner.versions import installed
@@ -43,10 +44,13 @@ def read(results: Path) -> dict[str, Any]:
     return content
 
 
-def final_rows(run: Path) -> list[dict[str, Any]]:
-    """The errors that a finished run recorded: one row for each candidate and arm shown."""
-    lines = (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-    return [row for row in map(json.loads, lines) if row.get("stage") == "final"]
+def final_errors(run: Path) -> list[HeldOutErrors]:
+    """The errors that a finished run recorded: one row for each candidate and arm shown.
+
+    Raises:
+        ResultFileError: the run's ``metrics.jsonl`` is missing or damaged.
+    """
+    return [row for row in read_metrics(run / METRICS) if isinstance(row, HeldOutErrors)]
 
 
 def write(
@@ -74,8 +78,8 @@ def write(
         dated = row if old.get("versions") == versions else {"versions": old.get("versions"), **row}
         rows.setdefault(row["planner"], []).append(dated)
     for experiment in trained:
-        final = final_rows(work / experiment.name)
-        rows[experiment.name] = [{"planner": experiment.name, **asdict(experiment), **row} for row in final]
+        facts = {"planner": experiment.name, **asdict(experiment)}
+        rows[experiment.name] = [{**facts, **row.to_json()} for row in final_errors(work / experiment.name)]
     listed = {experiment.name: i for i, experiment in enumerate(order)}
     names = sorted(rows, key=lambda name: listed.get(name, len(listed)))
     content = {"command": command, "data": "Square PH, mask/valid", "versions": versions}

@@ -7,13 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import yaml
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
-from ocplanner.errors import TrainingError
+from ocplanner.errors import ResultFileError, TrainingError
+from ocplanner.files.records.metrics import (
+    CONFIG,
+    METRICS,
+    MetricsRow,
+    RunConfig,
+    StepMetrics,
+    append_metrics,
+    read_config,
+    read_metrics,
+    write_config,
+    write_metrics,
+)
 from ocplanner.files.storage import atomic_write, writing
 
 _FREE = ("threads", "device")
@@ -21,13 +32,7 @@ _FREE = ("threads", "device")
 
 
 class RunFolder:
-    """Reads and writes a run folder, of a planner or of a policy.
-
-    A planner's ``metrics.jsonl`` has one JSON object a line:
-    ``{"stage", "step", "seconds", "loss", "valid_loss", "ade_mm", ...}`` at every validation (losses of Figure 4;
-    errors as in :class:`ocplanner.planner.metrics.PlanErrors`), and at the end
-    ``{"stage": "final", "candidate", "kept", "appearance", ...}`` for every candidate and appearance.
-    """
+    """Reads and writes the run folder of a planner or a policy (:mod:`ocplanner.files.records.metrics`)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -35,32 +40,27 @@ class RunFolder:
             (path / "checkpoints").mkdir(parents=True, exist_ok=True)
         self._board: SummaryWriter | None = None
 
-    def claim(self, settings: Mapping[str, Any]) -> None:
+    def claim(self, config: RunConfig) -> None:
         """Write ``config.yaml``, or check that the one there says the same; without a checkpoint drop the metrics.
 
         Raises:
-            TrainingError: the folder belongs to a training with other settings or data.
+            TrainingError: the file is damaged, or the folder belongs to a training with other settings or data.
         """
-        path = self.path / "config.yaml"
+        path = self.path / CONFIG
         if path.exists():
             try:
-                found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-                if not isinstance(found, dict):
-                    raise ValueError(f"it holds {type(found).__name__}")
-            except (ValueError, yaml.YAMLError) as error:
-                raise TrainingError(
-                    f"{path} is damaged ({_first_line(error)}); remove the run folder or choose another --run"
-                ) from error
-            changed = _differences(found, dict(settings))
+                found = read_config(path)
+            except ResultFileError as error:
+                raise TrainingError(str(error)) from error
+            changed = _differences(found.to_yaml(), config.to_yaml())
             if changed:
                 raise TrainingError(
                     f"{self.path} belongs to another training ({'; '.join(changed[:4])}); "
                     "choose another --run, or remove the folder to start anew"
                 )
-        with atomic_write(path) as temporary:
-            temporary.write_text(yaml.safe_dump(dict(settings), sort_keys=False), encoding="utf-8")
+        write_config(path, config)
         if not self._checkpoint("latest").exists():  # training begins anew: rows of a killed one would stand twice
-            (self.path / "metrics.jsonl").unlink(missing_ok=True)
+            (self.path / METRICS).unlink(missing_ok=True)
 
     # -- checkpoints -----------------------------------------------------------------------------------------------
 
@@ -98,39 +98,31 @@ class RunFolder:
     def rewind(self, order: tuple[str, ...], stage: str, step: int) -> None:
         """Drop the rows recorded after a checkpoint, which training will write again."""
         reached = (order.index(stage), step)
-        rows = [
-            row for row in self.rows() if row["stage"] in order and (order.index(row["stage"]), row["step"]) <= reached
-        ]
-        with atomic_write(self.path / "metrics.jsonl") as temporary:
-            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+        steps = [row for row in self.rows() if isinstance(row, StepMetrics) and row.stage in order]
+        write_metrics(self.path / METRICS, [row for row in steps if (order.index(row.stage), row.step) <= reached])
 
-    def rows(self) -> list[dict[str, Any]]:
-        """The complete rows of ``metrics.jsonl``."""
-        path = self.path / "metrics.jsonl"
-        if not path.exists():
-            return []
-        rows = []
-        for line in path.read_text(encoding="utf-8").splitlines():
-            try:
-                rows.append(json.loads(line))
-            except ValueError:  # a kill cut the last line
-                break
-        return rows
+    def rows(self) -> list[MetricsRow]:
+        """The complete rows of ``metrics.jsonl``; none if there is no such file.
 
-    def record(self, row: Mapping[str, Any]) -> None:
-        """Append a row to ``metrics.jsonl`` and its numbers to TensorBoard."""
-        with writing(self.path):
-            with (self.path / "metrics.jsonl").open("a", encoding="utf-8") as file:
-                file.write(json.dumps(dict(row)) + "\n")
-            if "step" in row:
+        Raises:
+            ResultFileError: the file is damaged.
+        """
+        path = self.path / METRICS
+        return read_metrics(path) if path.exists() else []
+
+    def record(self, row: MetricsRow) -> None:
+        """Append a row to ``metrics.jsonl``, and its numbers to TensorBoard if it belongs to a step."""
+        append_metrics(self.path / METRICS, row)
+        if isinstance(row, StepMetrics):
+            with writing(self.path):
                 self._show(row)
 
-    def _show(self, row: Mapping[str, Any]) -> None:
+    def _show(self, row: StepMetrics) -> None:
         if self._board is None:
             self._board = SummaryWriter(str(self.path / "tensorboard"))
-        for key, value in row.items():
+        for name, value in row.values.items():
             if isinstance(value, float):
-                self._board.add_scalar(f"{row['stage']}/{key}", value, row["step"])
+                self._board.add_scalar(f"{row.stage}/{name}", value, row.step)
         self._board.flush()
 
     def close(self) -> None:
@@ -145,10 +137,6 @@ def _checksum(tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> str:
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
         digest.update(tensor.reshape(-1).view(torch.uint8).numpy().data)
     return digest.hexdigest()
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> list[str]:
