@@ -20,7 +20,7 @@ import numpy as np
 from ocplanner import _core
 from ocplanner.control.arm_program import ArmProgram, raised
 from ocplanner.control.grasp import is_held, take_hold
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import ManipulationEnv, make_env
 from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.robots import RobotSpec, robot
@@ -35,7 +35,7 @@ STEPS = 80
 
 def carry(env: ManipulationEnv, arm: RobotSpec, seed: int) -> tuple[str, float]:
     """How the carry ended, and how far the grip point had wandered on the object, metres."""
-    settings = TransferSettings()
+    settings = ControlSettings()
     env.reset(seed)
     law = _core.DeltaPoseLaw(gain_position=settings.gain, gain_rotation=settings.gain)
     body = ArmProgram(env, law, 10_000, holding=arm.holding)

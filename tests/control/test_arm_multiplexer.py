@@ -23,7 +23,7 @@ def _hands(env):
 def test_one_arm_moves_and_the_other_stays(env):
     hands, actions = _hands(env)
     starts = [arm.eef_pose().position for arm in env.arms]
-    hands.put_in_play("trash", 1)
+    hands.activate("trash", 1)
     for _ in range(20):
         hands.step(np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0, CLOSE]))
     ends = [arm.eef_pose().position for arm in env.arms]
@@ -33,7 +33,7 @@ def test_one_arm_moves_and_the_other_stays(env):
     assert (actions[-1][6], actions[-1][13]) == (OPEN, CLOSE)
     np.testing.assert_array_equal(hands.eef_pose().position, ends[1])
     np.testing.assert_array_equal(hands.object_pose().position, env.object_pose("trash").position)
-    hands.put_in_play("lid", 0)
+    hands.activate("lid", 0)
     for _ in range(20):
         hands.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPEN]))
     assert np.linalg.norm(env.arms[1].eef_pose().position - ends[1]) < 0.01
@@ -66,9 +66,9 @@ def test_a_hand_that_rises_first_goes_over_a_wall(env):
 
 def test_a_waiting_hand_opens_when_it_is_told_to(env):
     hands, actions = _hands(env)
-    hands.put_in_play("trash", 1)
+    hands.activate("trash", 1)
     hands.step(np.append(np.zeros(6), CLOSE))
-    hands.put_in_play("trash", 0)
+    hands.activate("trash", 0)
     hands.open(1)
     hands.step(np.append(np.zeros(6), CLOSE))
     assert [action[13] for action in actions] == [CLOSE, OPEN]

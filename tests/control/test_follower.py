@@ -5,7 +5,7 @@ import pytest
 
 from ocplanner.control.arm_program import Reading
 from ocplanner.control.follower import Follower
-from ocplanner.control.settings import FollowSettings, TransferSettings
+from ocplanner.control.settings import ControlSettings, FollowSettings
 from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import angle_between, yaw_rotation
@@ -51,7 +51,7 @@ def run(follower: Follower, floating: Floating, plan, horizon: int = 300) -> lis
 
 def test_carries_lets_down_and_releases():
     floating = Floating()
-    follower = Follower(TransferSettings(), 4, floating.read())
+    follower = Follower(ControlSettings(), 4, floating.read())
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
     assert list(dict.fromkeys(phases)) == ["lift", "transit", "align", "lower", "release"]
     assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
@@ -60,7 +60,7 @@ def test_carries_lets_down_and_releases():
 
 def test_an_object_that_is_to_stay_in_hand_is_kept_where_the_plans_end():
     floating = Floating()
-    follower = Follower(TransferSettings(), 0, floating.read(), let_go=False)
+    follower = Follower(ControlSettings(), 0, floating.read(), let_go=False)
     height = START + np.array([0.0, 0.0, 0.1])
 
     def plan(_, here):
@@ -84,7 +84,7 @@ def test_an_object_that_is_to_stay_in_hand_is_kept_where_the_plans_end():
 def test_errors_of_single_plans_average_out():
     rng = np.random.default_rng(0)
     floating = Floating()
-    follower = Follower(TransferSettings(), 4, floating.read())
+    follower = Follower(ControlSettings(), 4, floating.read())
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, rng.normal(0, 0.006, 2), 0.0))
     assert phases[-1] == "release"
     assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
@@ -92,7 +92,7 @@ def test_errors_of_single_plans_average_out():
 
 def test_searches_when_the_peg_is_seen_beside_its_place():
     floating = Floating()
-    follower = Follower(TransferSettings(), 4, floating.read())
+    follower = Follower(ControlSettings(), 4, floating.read())
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.array([0.009, 0.0]), 0.0))
     assert "unstick" in phases
     assert phases[-1] == "release"
@@ -102,7 +102,7 @@ def test_searches_when_the_peg_is_seen_beside_its_place():
 @pytest.mark.parametrize("wrong", [np.pi / 2, np.pi, -np.pi / 2])
 def test_a_yaw_wrong_by_the_goals_symmetry_does_not_turn_the_object(wrong):
     floating = Floating(yaw=0.4)
-    follower = Follower(TransferSettings(), 4, floating.read())
+    follower = Follower(ControlSettings(), 4, floating.read())
     largest = 0.0
 
     def plan(step, here):
@@ -116,7 +116,7 @@ def test_a_yaw_wrong_by_the_goals_symmetry_does_not_turn_the_object(wrong):
 
 def test_stuck_in_transit_lifts():
     floating = Floating()
-    follower = Follower(TransferSettings(), 4, floating.read())
+    follower = Follower(ControlSettings(), 4, floating.read())
     floating.pose = Pose(np.array([0.0, 0.1, 0.95]), np.eye(3))
     phases = []
     for _ in range(14):
@@ -130,7 +130,7 @@ def test_stuck_in_transit_lifts():
 @pytest.mark.parametrize("follow", ["time", "open-loop"])
 def test_other_modes_release_by_the_plan_alone(follow):
     floating = Floating()
-    follower = Follower(TransferSettings(follow=follow), 4, floating.read())
+    follower = Follower(ControlSettings(follow=follow), 4, floating.read())
     floating.pose = Pose(np.array([*PEG, 0.99]), np.eye(3))
     follower.receive(*plan_to_peg(floating.pose, np.zeros(2), 0.0), floating.read())
     assert follower.command(floating.read()).phase == "transit"
@@ -141,11 +141,11 @@ def test_other_modes_release_by_the_plan_alone(follow):
 
 def test_settings_are_checked():
     with pytest.raises(UnknownNameError, match="gated"):
-        TransferSettings(follow="blind")
+        ControlSettings(follow="blind")
     with pytest.raises(InvalidValueError, match="gain"):
-        TransferSettings(gain=0.0)
+        ControlSettings(gain=0.0)
     with pytest.raises(InvalidValueError, match="replan_steps"):
-        TransferSettings(following=FollowSettings(replan_steps=0))
+        ControlSettings(following=FollowSettings(replan_steps=0))
 
 
 class Carried(Floating):
@@ -164,7 +164,7 @@ class ShortArm:
     def outward(self, position: np.ndarray) -> np.ndarray:
         return np.array([1.0, 0.0, 0.0])
 
-    def miss(self, pose: Pose) -> float:
+    def reach_error(self, pose: Pose) -> float:
         return max(0.0, float(pose.position[0]) - self.farthest)
 
     def wrist_room(self, pose: Pose, turn: float) -> float:
@@ -174,7 +174,7 @@ class ShortArm:
 @pytest.mark.parametrize(("farthest", "turned"), [(1.0, False), (PEG[0] - 0.03, True)])
 def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned):
     floating = Carried()
-    follower = Follower(TransferSettings(), 4, floating.read(), ShortArm(farthest))
+    follower = Follower(ControlSettings(), 4, floating.read(), ShortArm(farthest))
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
     assert phases[-1] == "release"
     assert (floating.read().eef.position[0] < floating.pose.position[0] - 0.05) == turned
@@ -182,7 +182,7 @@ def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned)
 
 def test_an_object_that_is_inserted_is_released_where_it_rests():
     floating = Floating()
-    follower = Follower(TransferSettings(), 4, floating.read(), placing="insert", tolerance=(0.003, 0.05))
+    follower = Follower(ControlSettings(), 4, floating.read(), placing="insert", tolerance=(0.003, 0.05))
     floor = 0.9  # where the plan ends, and nothing goes below
 
     def plan(step, here):
@@ -201,7 +201,7 @@ def test_an_object_that_is_inserted_is_released_where_it_rests():
 def test_an_object_that_is_traced_passes_each_pose_of_the_plan():
     """Down, and then aside, beneath an edge that the straight way would hit."""
     floating = Floating()
-    follower = Follower(TransferSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    follower = Follower(ControlSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
     corner, end = START + RAISED, START + RAISED + np.array([0.05, 0.0, 0.0])
     way = np.concatenate([np.linspace(START, corner, 20), np.linspace(corner, end, 15)])
 
@@ -228,7 +228,7 @@ def test_an_object_that_is_traced_passes_each_pose_of_the_plan():
 
 def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
     floating = Floating()
-    follower = Follower(TransferSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    follower = Follower(ControlSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
     floating.pose = Pose(START + RAISED, np.eye(3))
     end = floating.pose.position - [0.0, 0.0, 0.04]
     targets = []
@@ -243,7 +243,7 @@ def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
 
 
 def giver(floating: Floating, **how) -> Follower:
-    settings = TransferSettings()
+    settings = ControlSettings()
     return Follower(settings, 0, floating.read(), hands_over=True, turned=yaw_rotation(0.4), **how)
 
 

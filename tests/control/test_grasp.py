@@ -23,7 +23,7 @@ class Wrist:
     def outward(self, position: np.ndarray) -> np.ndarray:
         return np.array([1.0, 0.0, 0.0])
 
-    def miss(self, pose: Pose) -> float:
+    def reach_error(self, pose: Pose) -> float:
         return 0.0
 
     def wrist_room(self, pose: Pose, turn: float) -> float:

@@ -18,8 +18,8 @@ def kinova(shared_env):
 def test_foretells_reach_without_moving_the_arm(kinova):
     env, reach = kinova
     before = env.data.qpos.copy()
-    assert reach.miss(Pose(NEAR, env.eef_pose().rotation)) < 0.002
-    assert reach.miss(Pose(FAR, env.eef_pose().rotation)) > 0.05
+    assert reach.reach_error(Pose(NEAR, env.eef_pose().rotation)) < 0.002
+    assert reach.reach_error(Pose(FAR, env.eef_pose().rotation)) > 0.05
     np.testing.assert_array_equal(env.data.qpos, before)
 
 

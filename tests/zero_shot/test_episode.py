@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocplanner.collection.expert import demonstrate
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
@@ -80,7 +80,7 @@ class Motionless:
 @pytest.mark.parametrize("follow", ["gated", "open-loop"])
 def test_a_plan_that_leads_nowhere_is_a_classified_failure(follow):
     with make_env("Square", "Panda", cameras=(), horizon=130) as env:
-        episode = run_episode(env, Motionless(env), 501, TransferSettings(follow=follow))
+        episode = run_episode(env, Motionless(env), 501, ControlSettings(follow=follow))
     assert not episode.success
     assert episode.released_by is None
     assert episode.steps == 130

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import ocplanner as ocp
-from ocplanner.control.settings import GraspSettings, TransferSettings
+from ocplanner.control.settings import ControlSettings, GraspSettings
 from ocplanner.drawing.video import read_video
 from ocplanner.envs import make_env
 from ocplanner.errors import InvalidValueError, MismatchError, OutputError, UnknownNameError, WorkerError
@@ -17,7 +17,7 @@ from ocplanner.zero_shot.loop import _identity, run_transfer
 from ocplanner.zero_shot.scenario import Stage, make_scenario
 from random_planner import write_random_planner
 
-HASTY = TransferSettings(grasp=GraspSettings(settle_steps=1, approach_steps=2, tries=1))
+HASTY = ControlSettings(grasp=GraspSettings(settle_steps=1, approach_steps=2, tries=1))
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_episodes_done_before_videos_were_asked_for_are_filmed(planner, tmp_path
 
 
 def test_pose_errors_change_the_episode_by_seed_and_are_recorded(planner, tmp_path):
-    options = {"robot": "Panda", "episodes": 1, "settings": TransferSettings(grasp=GraspSettings(tries=1))}
+    options = {"robot": "Panda", "episodes": 1, "settings": ControlSettings(grasp=GraspSettings(tries=1))}
     exact, noisy, again = (
         ocp.transfer(planner, pose_noise=noise, pose_latency=latency, **options)
         for noise, latency in (((0.0, 0.0), 0), ((10.0, 5.0), 2), ((10.0, 5.0), 2))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ocplanner.control.settings import GraspSettings, TransferSettings
+from ocplanner.control.settings import ControlSettings, GraspSettings
 from ocplanner.drawing.video import read_video
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import InvalidValueError, ModelFileError, OutputError, UnknownNameError
@@ -16,7 +16,7 @@ from ocplanner.zero_shot.loop import describe
 from ocplanner.zero_shot.matrix import find_planners, transfer_matrix
 from random_planner import planner_config, random_tensors, write_planner, write_random_planner
 
-HASTY = TransferSettings(grasp=GraspSettings(settle_steps=1, approach_steps=2, tries=1))
+HASTY = ControlSettings(grasp=GraspSettings(settle_steps=1, approach_steps=2, tries=1))
 
 
 @pytest.fixture

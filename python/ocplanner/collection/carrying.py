@@ -125,7 +125,7 @@ class Carrier:
 
     def turn_to(self) -> None:
         """Bring this hand and this object into play."""
-        self._body.hands.put_in_play(self._object.name, self._arm)
+        self._body.hands.activate(self._object.name, self._arm)
 
     def hand(self) -> Pose:
         """Where the hand is, world."""

@@ -36,7 +36,7 @@ class ArmMultiplexer:
         self._grips = [OPEN for _ in env.arms]
         self._rising = [False for _ in env.arms]
 
-    def put_in_play(self, name: str, arm: int) -> None:
+    def activate(self, name: str, arm: int) -> None:
         """From now on this object is read, and this arm moves.
 
         Args:

@@ -27,7 +27,7 @@ class Reachability(Protocol):
     """What an arm knows of its own reach, such as :class:`ocplanner.envs.kinematics.Reach`."""
 
     def outward(self, position: np.ndarray) -> np.ndarray: ...  # noqa: D102
-    def miss(self, pose: Pose) -> float: ...  # noqa: D102
+    def reach_error(self, pose: Pose) -> float: ...  # noqa: D102
     def wrist_room(self, pose: Pose, turn: float) -> float: ...  # noqa: D102
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.control.arm_program import Reachability, Reading, raised
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.tasks.task import Placing
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import angle_between, mean_rotation
@@ -61,7 +61,7 @@ class Follower:
 
     def __init__(
         self,
-        settings: TransferSettings,
+        settings: ControlSettings,
         yaw_fold: int,
         start: Reading,
         reach: Reachability | None = None,
@@ -240,7 +240,7 @@ class Follower:
 
         def miss(turned: np.ndarray) -> float:
             motion = Pose(positions[-1], turned[-1]) @ now.object.inverse()
-            return reach.miss(motion @ now.eef)
+            return reach.reach_error(motion @ now.eef)
 
         least = miss(whole)
         for other in others:

@@ -96,7 +96,7 @@ class FollowSettings:
 
 
 @dataclass(frozen=True)
-class TransferSettings:
+class ControlSettings:
     """How an episode is run.
 
     Raises:

@@ -124,7 +124,7 @@ class Reach:
         outward[2] = 0.0
         return outward / max(float(np.linalg.norm(outward)), RESERVE_M)
 
-    def miss(self, pose: Pose) -> float:
+    def reach_error(self, pose: Pose) -> float:
         """The error that is left when the end-effector site is led to a pose of the world frame.
 
         The pose is pushed outward by :data:`RESERVE_M`, and the joints' limits are drawn in by :data:`RESERVE_RAD`: an

@@ -13,7 +13,7 @@ from ocplanner.control.arm_program import OPEN, Arm, ArmProgram, HorizonReached,
 from ocplanner.control.follower import Follower
 from ocplanner.control.grasp import close_around, hover_over, is_held, open_fingers, opening_before, take_hold, toward
 from ocplanner.control.hand_over import across, ends_for_hands, ready_beside
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.tasks import ObjectSpec
@@ -70,7 +70,7 @@ def run_episode(
     env: ManipulationEnv,
     planner: Plans | Mapping[str, Plans],
     seed: int,
-    settings: TransferSettings | None = None,
+    settings: ControlSettings | None = None,
     *,
     observe: Callable[[ManipulationEnv], dict[str, np.ndarray]] = ManipulationEnv.observe,
     sense: Callable[[Arm], Arm] | None = None,
@@ -90,7 +90,7 @@ def run_episode(
             arm, that comes into play; without it poses are exact. The verdict does not depend on it.
         on_step: called after every control step (recording frames).
     """
-    settings = settings or TransferSettings()
+    settings = settings or ControlSettings()
     trace = Trace()
 
     def note(reading: Reading) -> None:
@@ -124,7 +124,7 @@ class _Program:
         planners: Mapping[str, Plans],
         hands: ArmMultiplexer,
         body: ArmProgram,
-        settings: TransferSettings,
+        settings: ControlSettings,
         trace: Trace,
         observe: Callable[[ManipulationEnv], dict[str, np.ndarray]],
         sense: Callable[[Arm], Arm] | None,
@@ -137,10 +137,10 @@ class _Program:
         self.homes = [arm.eef_pose() for arm in env.arms]
         self.reaches = [Reach(env.model, env.data, arm.joints) for arm in env.arms]
 
-    def attend(self, spec: ObjectSpec, arm: int) -> None:
+    def activate(self, spec: ObjectSpec, arm: int) -> None:
         """Put an object and an arm in play: from here on this object is sensed and planned for, and this arm moves."""
         self.spec, self.arm = spec, arm
-        self.hands.put_in_play(spec.name, arm)
+        self.hands.activate(spec.name, arm)
         self.body.arm = self.hands if self.sense is None else self.sense(self.hands)
         self.reach = self.reaches[arm]
         self.phase = "grasp"
@@ -151,7 +151,7 @@ class _Program:
 
     def run(self) -> None:
         for number, spec in enumerate(self.objects):
-            self.attend(spec, spec.arms[0])
+            self.activate(spec, spec.arms[0])
             self._send_to_wait(self.objects[number + 1 :])
             self._go(spec)
             if not self._place(spec, last=spec is self.objects[-1]):
@@ -211,7 +211,7 @@ class _Program:
     def _hand_over(self, spec: ObjectSpec, taker: int) -> np.ndarray | None:
         """Let the next arm take the object from the one in play; its grip point, or None if it does not hold it."""
         giver = self.arm
-        self.attend(spec, taker)
+        self.activate(spec, taker)
         self.phase, self.held_once = "hand over", True
         at_once = replace(self.settings.grasp, settle_steps=0)
         close_around(self.body, self.ends[1], self.env.robot, at_once, self.reach)

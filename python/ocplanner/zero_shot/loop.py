@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.errors import InvalidValueError, OutputError, WorkerError
 from ocplanner.files.journal import Journal
 from ocplanner.files.records.episode import EpisodeResult
@@ -38,7 +38,7 @@ def transfer(
     pose_noise: tuple[float, float] = (0.0, 0.0),
     pose_latency: int = 0,
     pose_filter: int = 1,
-    settings: TransferSettings | None = None,
+    settings: ControlSettings | None = None,
     workers: int = 1,
     ray: str | None = None,
     out: str | Path | None = None,

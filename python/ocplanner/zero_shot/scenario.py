@@ -8,7 +8,7 @@ from ocplanner.control.arm_program import Arm
 from ocplanner.control.noisy_mask import NoisyMask
 from ocplanner.control.noisy_pose import NoisyPoseArm, PoseError
 from ocplanner.control.pose_filter import FilteredArm
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_spec
@@ -55,7 +55,7 @@ class Scenario:
     mask_error: int = 0
     pose_error: PoseError = field(default_factory=PoseError)
     pose_filter: int = 1
-    settings: TransferSettings = field(default_factory=TransferSettings)
+    settings: ControlSettings = field(default_factory=ControlSettings)
     videos: Path | None = None
     filmed: tuple[int, ...] = ()
 
@@ -131,7 +131,7 @@ def make_scenario(
     pose_noise: tuple[float, float] = (0.0, 0.0),
     pose_latency: int = 0,
     pose_filter: int = 1,
-    settings: TransferSettings | None = None,
+    settings: ControlSettings | None = None,
 ) -> Scenario:
     """What the planner file says about how it wants to see, checked against what is asked for.
 
@@ -188,7 +188,7 @@ def make_scenario(
         mask_error=mask_error,
         pose_error=PoseError(*pose_noise, pose_latency),
         pose_filter=pose_filter,
-        settings=replace(settings or TransferSettings(), follow=follow),
+        settings=replace(settings or ControlSettings(), follow=follow),
     )
 
 

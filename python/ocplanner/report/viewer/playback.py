@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from ocplanner.control.settings import TransferSettings
+from ocplanner.control.settings import ControlSettings
 from ocplanner.envs import make_env
 from ocplanner.planner.planner import Planner
 from ocplanner.report.viewer.bodies import body_meshes
@@ -59,7 +59,7 @@ def record_playback(
     """
     planners = TaskPlanners.of(planner)
     config = planners.config
-    settings = TransferSettings(follow=follow)
+    settings = ControlSettings(follow=follow)
     with make_env(
         str(config["task"]),
         robot,
