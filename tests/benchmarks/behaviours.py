@@ -10,7 +10,8 @@ import numpy as np
 from ocplanner import _core
 from ocplanner.collection.expert import demonstrate
 from ocplanner.collection.flawed import fail
-from ocplanner.control.arm_program import CLOSE, ArmProgram, HorizonReached
+from ocplanner.control.arm import CLOSE
+from ocplanner.control.arm_program import ArmProgram, HorizonReached
 from ocplanner.control.grasp import take_hold
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.control.settings import GraspSettings

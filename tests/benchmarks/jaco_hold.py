@@ -18,11 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.control.arm_program import ArmProgram, raised
+from ocplanner.control.arm_program import ArmProgram
 from ocplanner.control.grasp import is_held, take_hold
 from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import ManipulationEnv, make_env
-from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.robots import RobotSpec, robot
 from ocplanner.files.storage import atomic_json
 from ocplanner.geometry.pose import Pose
@@ -39,14 +38,13 @@ def carry(env: ManipulationEnv, arm: RobotSpec, seed: int) -> tuple[str, float]:
     env.reset(seed)
     law = _core.DeltaPoseLaw(gain_position=settings.gain, gain_rotation=settings.gain)
     body = ArmProgram(env, law, 10_000, holding=arm.holding)
-    reach = Reach(env.model, env.data, env.arms[0].joints)
-    taken = take_hold(body, env.task.object(), arm, settings.grasp, reach)
+    taken = take_hold(body, env.task.object(), arm, settings.grasp, env.arms[0].reach)
     if taken is None:
         return "not taken", 0.0
     start = env.object_pose()
     top = Pose(start.position + np.array([-0.08, 0.12, 0.12]), start.rotation @ yaw_rotation(0.8))
     now = body.read()
-    for name, target in (("lift", raised(start, 0.12)), ("carry", top), ("lower", raised(top, -0.06))):
+    for name, target in (("lift", start.raised(0.12)), ("carry", top), ("lower", top.raised(-0.06))):
         for _ in range(STEPS):
             now = body.move_object(target)
             if not is_held(now, taken, settings.grasp):

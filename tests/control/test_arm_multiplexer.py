@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from ocplanner import _core
+from ocplanner.control.arm import CLOSE, OPEN
 from ocplanner.control.arm_multiplexer import ArmMultiplexer
-from ocplanner.control.arm_program import CLOSE, OPEN
 from ocplanner.envs.environment import make_env
 from ocplanner.geometry.pose import Pose
 
@@ -17,7 +17,8 @@ def env():
 def _hands(env):
     env.reset(500)
     actions = []
-    return ArmMultiplexer(env, _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5), actions.append), actions
+    law = _core.DeltaPoseLaw(gain_position=1.5, gain_rotation=1.5)
+    return ArmMultiplexer(env, law, "lid", actions.append), actions
 
 
 def test_one_arm_moves_and_the_other_stays(env):

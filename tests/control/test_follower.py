@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ocplanner.control.arm_program import Reading
+from ocplanner.control.arm import Reading
 from ocplanner.control.follower import Follower
 from ocplanner.control.settings import ControlSettings, FollowSettings
 from ocplanner.errors import InvalidValueError, UnknownNameError

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocplanner.control.arm_program import OPEN, STAY, Reading
+from ocplanner.control.arm import OPEN, STAY, Reading
 from ocplanner.control.grasp import choose_grasp, leaning, opening_before, toward
 from ocplanner.envs.robots import robot
 from ocplanner.envs.tasks import task

@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocplanner import _core
+from ocplanner.control.arm import OPEN, Reading
 from ocplanner.control.arm_multiplexer import ArmMultiplexer
-from ocplanner.control.arm_program import OPEN, ArmProgram, Reading
+from ocplanner.control.arm_program import ArmProgram
 from ocplanner.control.grasp import close_around, is_held, take_hold
 from ocplanner.control.settings import GraspSettings
 from ocplanner.envs.environment import ManipulationEnv
@@ -72,7 +73,7 @@ class NoisyArmProgram(ArmProgram):
         on_action: Callable[[np.ndarray], None],
     ) -> None:
         law = _core.DeltaPoseLaw(gain_position=_GAIN, gain_rotation=_GAIN)
-        self.hands = ArmMultiplexer(env, law, on_action)
+        self.hands = ArmMultiplexer(env, law, env.task.object().name, on_action)
         super().__init__(self.hands, law, horizon)
         self._noise, self._rng = noise, rng
         self._tremor = np.zeros(6)

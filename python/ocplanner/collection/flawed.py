@@ -9,7 +9,8 @@ import numpy as np
 from ocplanner.collection.carrying import DemonstrationVariation, NoisyArmProgram, ObjectLostError
 from ocplanner.collection.experts import expert_of
 from ocplanner.collection.settings import Flaw
-from ocplanner.control.arm_program import OPEN, HorizonReached, Reading
+from ocplanner.control.arm import OPEN, Reading
+from ocplanner.control.arm_program import HorizonReached
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import UnknownNameError
 from ocplanner.geometry.pose import Pose

@@ -1,56 +1,16 @@
-"""What a program for an arm may sense and do: nothing privileged."""
+"""One control step after another: an arm with a budget of steps."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.control.arm import CLOSE, Arm, Reading
 from ocplanner.geometry.pose import Pose
-
-OPEN, STAY, CLOSE = -1.0, 0.0, 1.0
-
-
-class Arm(Protocol):
-    """The part of :class:`ocplanner.envs.ManipulationEnv` that control uses; a test may put something else there."""
-
-    def step(self, action: np.ndarray) -> None: ...  # noqa: D102
-    def object_pose(self) -> Pose: ...  # noqa: D102
-    def eef_pose(self) -> Pose: ...  # noqa: D102
-    @property
-    def base_rotation(self) -> np.ndarray: ...  # noqa: D102
-    @property
-    def gripper_opening(self) -> float: ...  # noqa: D102
-
-
-class Reachability(Protocol):
-    """What an arm knows of its own reach, such as :class:`ocplanner.envs.kinematics.Reach`."""
-
-    def outward(self, position: np.ndarray) -> np.ndarray: ...  # noqa: D102
-    def reach_error(self, pose: Pose) -> float: ...  # noqa: D102
-    def wrist_room(self, pose: Pose, turn: float) -> float: ...  # noqa: D102
-
-
-def raised(pose: Pose, height: float) -> Pose:
-    """The pose moved up, metres."""
-    return Pose(pose.position + np.array([0.0, 0.0, height]), pose.rotation)
 
 
 class HorizonReached(Exception):  # noqa: N818
     """The episode's steps are used up."""
-
-
-class Reading(NamedTuple):
-    """What is sensed at one control step: poses in the world frame, the finger gap in metres."""
-
-    object: Pose
-    eef: Pose
-    opening: float
-
-    @property
-    def grip_point(self) -> np.ndarray:
-        """(3,) where the hand is, in the object's frame: constant while the hold is firm or only turns."""
-        return self.object.rotation.T @ (self.eef.position - self.object.position)
 
 
 class ArmProgram:

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.control.arm_program import Reachability, Reading, raised
+from ocplanner.control.arm import Reachability, Reading
 from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.tasks.task import Placing
 from ocplanner.geometry.pose import Pose
@@ -270,7 +270,7 @@ class Follower:
             self._unstick = None
             self._still = 0
         if not self._has_lifted(here) and self._plan_top > self._start.position[2] + _LIFTING:
-            above = raised(self._start, self._rule.lift_first + _LIFTING)
+            above = self._start.raised(self._rule.lift_first + _LIFTING)
             return Command(above._replace(position=above.position + self._drawn), "lift")
         self._lifted = True
         if self._placing == "trace":
@@ -335,6 +335,6 @@ class Follower:
         return ring * _SEARCH[self._attempt % len(_SEARCH)]
 
     def _come_free(self, here: Pose) -> Command:
-        self._unstick = raised(here, self._rule.unstick_lift)
+        self._unstick = here.raised(self._rule.unstick_lift)
         self._unstick_steps = 0
         return Command(self._unstick, "unstick")

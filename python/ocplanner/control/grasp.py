@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ocplanner.control.arm_program import CLOSE, OPEN, STAY, ArmProgram, Reachability, Reading, raised
+from ocplanner.control.arm import CLOSE, OPEN, STAY, Reachability, Reading
+from ocplanner.control.arm_program import ArmProgram
 from ocplanner.control.settings import GraspSettings
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.tasks import ObjectSpec
@@ -98,7 +99,7 @@ def take_hold(
     """
     close_around(body, spec, robot, settings, reach)
     held_at = body.read()
-    grip_point, lifted = held_at.grip_point, raised(held_at.eef, settings.probe)
+    grip_point, lifted = held_at.grip_point, held_at.eef.raised(settings.probe)
     for _ in range(settings.approach_steps):
         now = body.move_hand(lifted, body.holding)
         if not is_held(now, grip_point, settings):
@@ -143,7 +144,7 @@ def close_around(
     steep = settings.steep if spec.hover is not None else np.inf
     _approach(body, grasp, settings.clearance, settings.near, wide, settings, steep)
     squeeze = robot.squeeze_round_steps if spec.round else robot.squeeze_steps
-    _close(body, raised(body.read().object @ grasp, settings.clearance), met, robot, settings, squeeze)
+    _close(body, (body.read().object @ grasp).raised(settings.clearance), met, robot, settings, squeeze)
 
 
 def is_held(now: Reading, grip_point: np.ndarray, settings: GraspSettings) -> bool:
@@ -166,7 +167,7 @@ def _approach(
     """
     still, before = 0, body.read().eef.position
     for _ in range(settings.approach_steps):
-        target = raised(body.read().object @ grasp, height)
+        target = (body.read().object @ grasp).raised(height)
         now = body.move_hand(_from_above(target, before, steep), toward(wide, body.read().opening))
         moved = float(np.linalg.norm(now.eef.position - before))
         before = now.eef.position

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ocplanner.control.arm_program import Reachability
+from ocplanner.control.arm import Reachability
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import yaw_rotation

@@ -1,12 +1,28 @@
 """Masks that are a few pixels off, as a camera's calibration error would make them."""
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
 
-from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.envs.visuals import MASK_RGB
 from ocplanner.errors import InvalidValueError, MismatchError
 
 KINDS = ("shift", "dilate", "erode")
+
+
+class MaskedView(Protocol):
+    """What draws the robot's mask into its pictures, such as :class:`ocplanner.envs.ManipulationEnv`."""
+
+    @property
+    def observe_mode(self) -> str: ...  # noqa: D102
+    @property
+    def image_size(self) -> int: ...  # noqa: D102
+    @property
+    def cameras(self) -> Sequence[str]: ...  # noqa: D102
+    def observe(self) -> dict[str, np.ndarray]: ...  # noqa: D102
+    def robot_mask(self, camera: str, width: int, height: int) -> np.ndarray: ...  # noqa: D102
+    def render(self, camera: str, width: int, height: int, observe: str) -> np.ndarray: ...  # noqa: D102
 
 
 class NoisyMask:
@@ -31,7 +47,7 @@ class NoisyMask:
         angle = rng.uniform(0, 2 * np.pi)
         self.shift = (round(pixels * np.sin(angle)), round(pixels * np.cos(angle)))
 
-    def observe(self, env: ManipulationEnv) -> dict[str, np.ndarray]:
+    def observe(self, env: MaskedView) -> dict[str, np.ndarray]:
         """Pictures (h, w, 3) uint8 by camera.
 
         Raises:
@@ -43,7 +59,7 @@ class NoisyMask:
             raise MismatchError(f"a mask error needs observe=masked, but the environment shows {env.observe_mode}")
         return {camera: self._picture(env, camera) for camera in env.cameras}
 
-    def _picture(self, env: ManipulationEnv, camera: str) -> np.ndarray:
+    def _picture(self, env: MaskedView, camera: str) -> np.ndarray:
         size = env.image_size
         right = env.robot_mask(camera, size, size)
         wrong = self.distort(right)

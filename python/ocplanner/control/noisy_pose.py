@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ocplanner.control.arm_program import Arm
+from ocplanner.control.arm import Arm
 from ocplanner.errors import InvalidValueError
 from ocplanner.geometry.pose import Pose
+from ocplanner.geometry.rotation import rotation_exp
 
 _STREAM = 0x705E
 """Keeps the draws apart from those that the episode's seed makes elsewhere."""
@@ -56,7 +56,7 @@ class PoseError:
         shift, axis, angle = rng.standard_normal(3), rng.standard_normal(3), rng.standard_normal()
         turn = np.radians(self.rotation_deg) * angle * axis / np.linalg.norm(axis)
         position = pose.position + self.position_mm / 1000 * shift
-        return Pose(position, Rotation.from_rotvec(turn).as_matrix() @ pose.rotation)
+        return Pose(position, rotation_exp(turn) @ pose.rotation)
 
 
 def parse_noise(text: str) -> tuple[float, float]:

@@ -3,10 +3,10 @@
 from collections import deque
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ocplanner.control.arm_program import Arm
+from ocplanner.control.arm import Arm
 from ocplanner.geometry.pose import Pose
+from ocplanner.geometry.rotation import rotation_exp, rotation_log
 
 _WORLD = Pose(np.zeros(3), np.eye(3))
 
@@ -63,5 +63,5 @@ class FilteredArm:
 
 def _between(a: Pose, b: Pose, weight: float) -> Pose:
     """The pose that lies ``weight`` in [0, 1] of the way from ``a`` to ``b``."""
-    turn = weight * Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec()
-    return Pose(a.position + weight * (b.position - a.position), a.rotation @ Rotation.from_rotvec(turn).as_matrix())
+    turn = weight * rotation_log(a.rotation.T @ b.rotation)
+    return Pose(a.position + weight * (b.position - a.position), a.rotation @ rotation_exp(turn))

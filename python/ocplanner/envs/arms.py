@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ocplanner.envs.grippers import Gripper
-from ocplanner.envs.kinematics import ArmJoints, site_pose
+from ocplanner.envs.kinematics import ArmJoints, Reach, site_pose
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.geometry.pose import Pose
 
@@ -22,6 +22,7 @@ class RobotArm:
     Attributes:
         robot: robosuite's robot.
         joints: the arm's joints.
+        reach: where it gets to.
         gripper: its gripper.
     """
 
@@ -29,6 +30,7 @@ class RobotArm:
         self.robot = robot
         self.joints = ArmJoints.of(robot, model)
         self.gripper = Gripper(robot, model, data, spec)
+        self.reach = Reach(model, data, self.joints)
         self._data = data
         self._base_site = model.site(f"{robot.robot_model.naming_prefix}{robot.arms[0]}_center").id
 

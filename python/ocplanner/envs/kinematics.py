@@ -1,6 +1,7 @@
 """Inverse kinematics of an arm's end-effector site: damped least squares from several starts."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -110,8 +111,12 @@ class Reach:
     def __init__(self, model: Any, data: Any, arm: ArmJoints) -> None:
         self._model, self._data = model, data
         self._arm = replace(arm, lower=arm.lower + RESERVE_RAD, upper=arm.upper - RESERVE_RAD)
-        self._scratch = mujoco.MjData(model)
         self._first = int(model.dof_jntid[arm.dofs[0]])
+
+    @cached_property
+    def _scratch(self) -> Any:
+        """A state of the model to try postures in; many environments never need it."""
+        return mujoco.MjData(self._model)
 
     @property
     def base(self) -> np.ndarray:

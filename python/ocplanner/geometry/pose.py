@@ -20,6 +20,10 @@ class Pose(NamedTuple):
         """Composition ``self * other`` of SE(3) elements."""
         return Pose(self.position + self.rotation @ other.position, self.rotation @ other.rotation)
 
+    def raised(self, height: float) -> "Pose":
+        """The pose moved up along the world's z, metres."""
+        return self._replace(position=self.position + np.array([0.0, 0.0, height]))
+
     def inverse(self) -> "Pose":
         """The inverse transform."""
         return Pose(-self.rotation.T @ self.position, self.rotation.T)

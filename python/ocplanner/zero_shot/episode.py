@@ -8,14 +8,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from ocplanner import _core
+from ocplanner.control.arm import OPEN, Arm, Reading
 from ocplanner.control.arm_multiplexer import ArmMultiplexer
-from ocplanner.control.arm_program import OPEN, Arm, ArmProgram, HorizonReached, Reading, raised
+from ocplanner.control.arm_program import ArmProgram, HorizonReached
 from ocplanner.control.follower import Follower
 from ocplanner.control.grasp import close_around, hover_over, is_held, open_fingers, opening_before, take_hold, toward
 from ocplanner.control.hand_over import across, ends_for_hands, ready_beside
 from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import ManipulationEnv
-from ocplanner.envs.kinematics import Reach
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import angle_between
@@ -105,7 +105,7 @@ def run_episode(
         gain_position=settings.gain, gain_rotation=settings.gain, limit_rotation=settings.limit_rotation
     )
     parts = planner if isinstance(planner, Mapping) else {env.task.object().name: planner}
-    hands = ArmMultiplexer(env, law)
+    hands = ArmMultiplexer(env, law, env.task.objects[0].name)
     body = ArmProgram(hands, law, env.horizon, note, env.robot.holding)
     program = _Program(env, parts, hands, body, settings, trace, observe, sense)
     with contextlib.suppress(HorizonReached):
@@ -135,7 +135,7 @@ class _Program:
         self.finished = False
         self.ends = (env.task.objects[-1],) * 2
         self.homes = [arm.eef_pose() for arm in env.arms]
-        self.reaches = [Reach(env.model, env.data, arm.joints) for arm in env.arms]
+        self.reaches = [arm.reach for arm in env.arms]
 
     def activate(self, spec: ObjectSpec, arm: int) -> None:
         """Put an object and an arm in play: from here on this object is sensed and planned for, and this arm moves."""
@@ -221,7 +221,7 @@ class _Program:
         open_enough = arm.gripper_opening + self.settings.grasp.freed
         self.hands.open(giver)
         self._hold(place, lambda: arm.gripper_opening > open_enough, self.env.robot.stroke_steps)
-        above = raised(arm.eef_pose(), self.settings.following.retreat)
+        above = arm.eef_pose().raised(self.settings.following.retreat)
         self.hands.wait_at(above, giver)
         self._hold(place, lambda: arm.eef_pose().position[2] > above.position[2] - _AWAY, _LEAVING)
         self.hands.wait_at(self.homes[giver], giver)

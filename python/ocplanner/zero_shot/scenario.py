@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from ocplanner.control.arm_program import Arm
+from ocplanner.control.arm import Arm
 from ocplanner.control.noisy_mask import NoisyMask
 from ocplanner.control.noisy_pose import NoisyPoseArm, PoseError
 from ocplanner.control.pose_filter import FilteredArm
