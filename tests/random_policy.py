@@ -11,7 +11,7 @@ import numpy as np
 from ocplanner.demos.dataset import LABEL_ATTRIBUTE
 from ocplanner.planner.config import EncoderConfig, to_dict
 from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.train import read
 
@@ -52,7 +52,7 @@ def random_training(
 def write_random_policy(path: Path, data: Path, training: PolicyTraining, step: int = 20) -> Path:
     """An untrained policy's file, described as training on ``data`` would."""
     about = read(training, data).about
-    actor = make_actor(training, about["low_dim"], about["actions"]).eval()
+    actor = make_network(training, about["low_dim"], about["actions"]).eval()
     path.parent.mkdir(parents=True, exist_ok=True)
     save_policy(actor, {**about, "step": step, "training": to_dict(training)}, path)
     return path

@@ -41,8 +41,7 @@ def test_flags_reach_the_configuration():
 def test_the_kl_weight_is_bcqs():
     config = parsed("--algorithm", "bcq", "--kl-weight", "0.005").configuration()
     base = preset("cpu", "bcq")
-    assert base.bcq is not None
-    assert config == replace(base, bcq=replace(base.bcq, kl_weight=0.005))
+    assert config == replace(base, algorithm_settings=replace(base.algorithm_settings, kl_weight=0.005))
     for flags in ([], ["--algorithm", "bcq", "--sampler", "gmm"]):
         with pytest.raises(InvalidValueError, match="--kl-weight is for --algorithm bcq with --sampler vae alone"):
             parsed(*flags, "--kl-weight", "0.005").configuration()
@@ -51,8 +50,9 @@ def test_the_kl_weight_is_bcqs():
 def test_the_sampler_is_bcqs():
     config = parsed("--algorithm", "bcq", "--sampler", "gmm").configuration()
     base = preset("cpu", "bcq")
-    assert base.bcq is not None
-    assert config == replace(base, bcq=replace(base.bcq, sampler="gmm", rollout_proposals=10))
+    assert config == replace(
+        base, algorithm_settings=replace(base.algorithm_settings, sampler="gmm", rollout_proposals=10)
+    )
     assert parsed("--algorithm", "bcq", "--sampler", "vae").configuration() == base
     with pytest.raises(InvalidValueError, match="--sampler is for --algorithm bcq alone"):
         parsed("--sampler", "gmm").configuration()
@@ -64,20 +64,19 @@ def test_a_trained_policy_brings_what_is_seen_and_the_networks(tiny_square, tmp_
     above = ["--algorithm", "bcq", "--sampler-from", str(trained)]
     policy, base = Policy.load(trained), preset("cpu", "bcq", "image")
     config = parsed(*above, "--seed", "4").configuration()
-    assert base.bcq is not None
-    bcq = replace(base.bcq, sampler="policy", sampler_sha256=policy.sha256, rollout_proposals=10)
+    bcq = replace(base.algorithm_settings, sampler="policy", sampler_sha256=policy.sha256, rollout_proposals=10)
     assert config == replace(
         base,
         observation=policy.training.observation,
         network=policy.training.network,
-        bcq=bcq,
+        algorithm_settings=bcq,
         steps=10_000,
         batch=100,
         save_every=1000,
         seed=4,
     )
     published = parsed(*above, "--preset", "robomimic").configuration()
-    assert (published.steps, published.batch, published.bcq.critic_learning_rate) == (300_000, 16, 1e-3)
+    assert (published.steps, published.batch, published.algorithm_settings.critic_learning_rate) == (300_000, 16, 1e-3)
     for flags in ("--sampler gmm", "--observations state", "--low-dim a", "--cameras a", "--kl-weight 1"):
         with pytest.raises(InvalidValueError, match=f"{flags.split()[0]} and --sampler-from both decide"):
             parsed(*above, *flags.split()).configuration()

@@ -83,7 +83,7 @@ def test_our_networks_compute_what_robomimics_do(trained, labelled, tmp_path, rn
                     images={name: image[None] for name, image in ours.images.items()},
                     hint=None if ours.hint is None else ours.hint[None],
                 )
-            mixture, memory = policy.actor.distribution(ours, memory)
+            mixture, memory = policy.network.distribution(ours, memory)
             torch.testing.assert_close(mixture.means.reshape(means.shape), means, rtol=1e-4, atol=1e-5)
             torch.testing.assert_close(mixture.logits.softmax(-1).flatten(), weights, rtol=1e-4, atol=1e-5)
 

@@ -84,7 +84,7 @@ def small() -> Callable[..., PolicyTraining]:
         )
         if algorithm == "bcq":
             bcq = BCQConfig((16, 16), vae_hidden=(16, 16), latent=4, proposals=3, rollout_proposals=8)
-            changes = {"bcq": bcq, **changes}
+            changes = {"algorithm_settings": bcq, **changes}
         changes = {"batch": 16, "steps": 20, "save_every": 10, "validate_every": 5, "checkpoint_every": 5, **changes}
         return replace(base, observation=observation, network=network, **changes)
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 
-from ocplanner.policies.bcq import BCQ, Critic, target_values
+from ocplanner.policies.bcq import BatchConstrainedQ
 from ocplanner.policies.bcq_config import BCQConfig
-from ocplanner.policies.bcq_learning import BatchConstrainedQ
+from ocplanner.policies.bcq_network import BCQ, Critic, target_values
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.transitions import TransitionBatch
@@ -48,8 +48,8 @@ def theirs(small):
 @pytest.fixture
 def bcq(small):
     config = small("bcq", learning_rate=1e-3, ema=0.0, clip=None, schedule="constant", warmup=0)
-    settings = replace(config.bcq, tau=0.25, critic_learning_rate=1e-3)
-    config = replace(config, observation=replace(config.observation, normalise=False), bcq=settings)
+    settings = replace(config.algorithm_settings, tau=0.25, critic_learning_rate=1e-3)
+    config = replace(config, observation=replace(config.observation, normalise=False), algorithm_settings=settings)
     return config, make_network(config, 23, 7)
 
 
@@ -183,7 +183,7 @@ def test_the_targets_follow_batch_normalisation_too(small, observe):
     learner.step(Given(batch), np.arange(4), 0)
     source, target = network.critics.state_dict()[name], learner._targets.state_dict()[name]
     assert not torch.equal(source, before)
-    torch.testing.assert_close(target, before + config.bcq.tau * (source - before))
+    torch.testing.assert_close(target, before + config.algorithm_settings.tau * (source - before))
 
 
 def test_nothing_is_expected_after_the_end():
@@ -197,7 +197,7 @@ def test_nothing_is_expected_after_the_end():
 
 def test_many_actions_of_an_observation_are_valued_as_one_by_one(small, observe):
     config = small("bcq", cameras=("agentview",))
-    critic = Critic(config, config.bcq, 23, 7).eval()
+    critic = Critic(config, config.algorithm_settings, 23, 7).eval()
     observation, actions = observe((2,), cameras=("agentview",)), torch.randn(2, 3, 7)
     together = critic(observation, actions)
     assert together.shape == (2, 3)

@@ -76,8 +76,8 @@ def test_the_robomimic_preset_of_bcq_is_the_published_one():
         latent=14,
         kl_weight=0.05,
     )
-    assert state.bcq == published
-    assert image.bcq == replace(published, critic_learning_rate=1e-3, vae_hidden=(1024, 1024))
+    assert state.algorithm_settings == published
+    assert image.algorithm_settings == replace(published, critic_learning_rate=1e-3, vae_hidden=(1024, 1024))
     assert image.observation == preset("robomimic", "bc", "image").observation
 
 
@@ -116,12 +116,16 @@ def test_unknown_keys_are_named():
         (lambda: HintConfig(horizons=(1, 1)), InvalidValueError, "name each once"),
         (lambda: ObservationConfig(crop=85), InvalidValueError, "crop 85 must lie in 1..84"),
         (lambda: ObservationConfig(low_dim=()), InvalidValueError, "at least one observation"),
-        (lambda: PolicyTraining("bcq"), InvalidValueError, "bcq settings belong to the algorithm bcq alone"),
-        (lambda: PolicyTraining("bc", bcq=BCQConfig()), InvalidValueError, "bcq settings belong to the algorithm bcq"),
+        (lambda: PolicyTraining("bcq"), InvalidValueError, "bcq needs algorithm_settings of BCQConfig"),
+        (
+            lambda: PolicyTraining("bc", algorithm_settings=BCQConfig()),
+            InvalidValueError,
+            "bc needs algorithm_settings of AlgorithmSettings, not BCQConfig",
+        ),
         (lambda: replace(preset("cpu", "bcq"), precision="bfloat16"), InvalidValueError, "bcq learns in float32 alone"),
         (lambda: PolicyTraining("bc", precision="float16"), UnknownNameError, "precision"),
         (
-            lambda: PolicyTraining("bcq", network=NetworkConfig(hint=HintConfig()), bcq=BCQConfig()),
+            lambda: PolicyTraining("bcq", network=NetworkConfig(hint=HintConfig()), algorithm_settings=BCQConfig()),
             InvalidValueError,
             "bcq reads no hint",
         ),

@@ -11,7 +11,7 @@ from safetensors.torch import load_file
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
-from ocplanner.policies.frozen_sampler import above_policy
+from ocplanner.policies.frozen_sampler import frozen_sampler_training
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import train_policy
@@ -20,11 +20,12 @@ from ocplanner.training.run_folder import RunFolder
 
 def short(policy: Policy, **changes):
     """Its settings, with critics that learn in a second."""
-    config = above_policy(policy)
-    assert config.bcq is not None
-    bcq = replace(config.bcq, critic_hidden=(16, 16), critic_learning_rate=3e-3, proposals=4, rollout_proposals=8)
+    config = frozen_sampler_training(policy)
+    bcq = replace(
+        config.algorithm_settings, critic_hidden=(16, 16), critic_learning_rate=3e-3, proposals=4, rollout_proposals=8
+    )
     numbers = {"steps": 20, "batch": 16, "save_every": 10, "validate_every": 10, "checkpoint_every": 5}
-    return replace(config, bcq=bcq, **(numbers | changes))
+    return replace(config, algorithm_settings=bcq, **(numbers | changes))
 
 
 def test_critics_choose_among_the_actions_of_a_policy_that_stays_as_it_is(rewarded, tmp_path, small):
@@ -43,7 +44,7 @@ def test_critics_choose_among_the_actions_of_a_policy_that_stays_as_it_is(reward
     assert rows[-1].values["valid_critic_loss"] < 0.5 * rows[0].values["valid_critic_loss"]
     assert "vae_reconstruction" not in rows[-1].values
     policy = Policy.load(path)
-    assert policy.training.bcq.sampler_sha256 == Policy.load(below).sha256
+    assert policy.training.algorithm_settings.sampler_sha256 == Policy.load(below).sha256
     with Demonstrations(rewarded) as demos:
         right = demos["demo_2"].rewards == 1
         values = q_values(policy, demos, "demo_2")
@@ -67,7 +68,7 @@ def test_the_critics_read_what_the_policy_makes_of_the_pictures(tiny_square, tmp
     data = tiny_square(images=True)
     below = train_policy(small(cameras=("agentview",)), data, tmp_path / "bc")
     run = train_policy(short(Policy.load(below)), data, tmp_path / "run", sampler=below)
-    policy, actor = Policy.load(run), Policy.load(below).actor
+    policy, actor = Policy.load(run), Policy.load(below).network
     with Demonstrations(data) as demos:
         demo = demos["demo_2"]
         values = q_values(policy, demos, "demo_2")
@@ -76,7 +77,7 @@ def test_the_critics_read_what_the_policy_makes_of_the_pictures(tiny_square, tmp
         actions = torch.from_numpy(demo.actions.astype(np.float32))
     with torch.no_grad():
         features = actor.encode(seen)
-        for critic, expected in zip(policy.actor.critics.members, values, strict=True):
+        for critic, expected in zip(policy.network.critics.members, values, strict=True):
             standard = (features - critic.seen.mean) / critic.seen.std
             found = critic.value(critic.layers(torch.cat([standard, actions], dim=-1)))[:, 0]
             np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
@@ -85,14 +86,14 @@ def test_the_critics_read_what_the_policy_makes_of_the_pictures(tiny_square, tmp
 def test_only_a_policy_of_bc_without_a_hint_proposes(tiny_square, tmp_path, small):
     recurrent = Policy.load(train_policy(small("bc-rnn"), tiny_square(), tmp_path / "rnn"))
     with pytest.raises(MismatchError, match="was trained by bc-rnn; critics need one that bc trained"):
-        above_policy(recurrent)
+        frozen_sampler_training(recurrent)
     data = tmp_path / "hints.hdf5"
     shutil.copy(tiny_square(), data)
     with h5py.File(data, "a") as file:
         for demo in file["data"].values():
             demo["obs/ocp_hint"] = np.zeros((len(demo["actions"]), 7), dtype=np.float32)
     with pytest.raises(MismatchError, match="reads hints"):
-        above_policy(Policy.load(train_policy(small(hint=(1,)), data, tmp_path / "hinted")))
+        frozen_sampler_training(Policy.load(train_policy(small(hint=(1,)), data, tmp_path / "hinted")))
 
 
 def test_policy_and_data_must_belong_together(tiny_square, tmp_path, small):

@@ -9,7 +9,7 @@ from ocplanner.errors import MismatchError, ShapeError
 from ocplanner.policies.config import HINT_KEY, HintConfig
 from ocplanner.policies.gmm import Mixture
 from ocplanner.policies.hint import HintWeights, displacements, residual_motion
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 
 SHAPES = {"bc": (6,), "bc-rnn": (5, 6)}
 
@@ -28,7 +28,7 @@ def switched_off(seen):
 @pytest.mark.parametrize("horizons", [(1,), (1, 5, 10)])
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
 def test_without_a_hint_the_network_is_the_plain_algorithm_number_for_number(small, observe, algorithm, horizons, off):
-    hinted, plain = (make_actor(small(algorithm, hint), 23, 7) for hint in (horizons, None))
+    hinted, plain = (make_network(small(algorithm, hint), 23, 7) for hint in (horizons, None))
     seen = off(observe(SHAPES[algorithm], 6 * len(horizons) + 1))
     actions = torch.rand(*SHAPES[algorithm], 7)
     optimisers = [torch.optim.Adam(actor.parameters(), lr=1e-3) for actor in (hinted, plain)]
@@ -86,13 +86,13 @@ def test_another_width_is_refused():
 
 def test_a_missing_hint_is_refused(small, observe):
     with pytest.raises(MismatchError, match="ocp_hint"):
-        make_actor(small(hint=(1,)), 23, 7).distribution(observe((4,)))
+        make_network(small(hint=(1,)), 23, 7).distribution(observe((4,)))
 
 
 def test_the_weights_start_where_the_configuration_says(small, observe):
     config = small(hint=(1,))
     network = replace(config.network, hint=HintConfig((1,), initial_weight=3.0))
-    ones, threes = (make_actor(replace(config, network=n), 23, 7).hint for n in (config.network, network))
+    ones, threes = (make_network(replace(config, network=n), 23, 7).hint for n in (config.network, network))
     features = torch.randn(5, 32)
     torch.testing.assert_close(threes.weights(features) - ones.weights(features), torch.full((5, 5, 1, 2), 2.0))
 
@@ -116,7 +116,7 @@ def test_the_penalty_is_in_the_loss_of_training_alone(small, observe, algorithm)
     for penalty in (0.0, 2.0):
         config = small(algorithm, hint=(1,))
         hint = HintConfig((1,), residual_penalty=penalty)
-        actor = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7)
+        actor = make_network(replace(config, network=replace(config.network, hint=hint)), 23, 7)
         features, _ = actor.features(actor.encoder(seen), None)
         motion = residual_motion(actor.head(features), seen.hint)
         losses[penalty] = actor.train()(seen, actions), actor.eval()(seen, actions)
@@ -131,7 +131,7 @@ def test_the_plan_stands_for_the_pictures_while_the_object_is_held(small, observ
     config = small(algorithm, hint=(1,), cameras=("agentview",))
     hint = replace(config.network.hint, instead_of_pictures=True)
     reading = replace(config.observation, low_dim=(*config.observation.low_dim, HINT_KEY))
-    actor = make_actor(replace(config, observation=reading, network=replace(config.network, hint=hint)), 23, 7).train(
+    actor = make_network(replace(config, observation=reading, network=replace(config.network, hint=hint)), 23, 7).train(
         training
     )
     seen = observe(SHAPES[algorithm], 7, cameras=("agentview",))
@@ -154,9 +154,9 @@ def test_the_plan_stands_for_the_pictures_while_the_object_is_held(small, observ
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
 def test_a_hint_that_steers_moves_by_itself_while_the_object_is_held(small, observe, algorithm):
     config = small(algorithm, hint=(1,))
-    plain = make_actor(config, 23, 7)
+    plain = make_network(config, 23, 7)
     hint = HintConfig((1,), initial_weight=0.5, steers=True)
-    steered = make_actor(replace(config, network=replace(config.network, hint=hint)), 23, 7)
+    steered = make_network(replace(config, network=replace(config.network, hint=hint)), 23, 7)
     assert not any("linear" in name for name, _ in steered.hint.named_parameters())
     seen = observe(SHAPES[algorithm], 7)
     seen.hint[..., -1] = 0

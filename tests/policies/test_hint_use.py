@@ -25,7 +25,7 @@ def test_the_parts_make_up_what_the_policy_would_do(labelled, tmp_path, algorith
     data = labelled(horizons=horizons)
     policy = loaded(tmp_path, data, algorithm, horizons, ("agentview",))
     with torch.no_grad():  # one mode by far the likeliest, so that acting always draws it
-        policy.actor.head.linear.bias[-1] = 60
+        policy.network.head.linear.bias[-1] = 60
     with Demonstrations(data) as demos:
         use = hint_use(policy, demos, "demo_2")
         recorded = {key: demos["demo_2"].observation(key) for key in policy.observation_keys if "_image" not in key}
@@ -47,8 +47,8 @@ def test_the_likeliest_mode_is_taken(labelled, tmp_path):
     policy = loaded(tmp_path, data)
     modes = policy.training.network.gmm.modes
     with torch.no_grad():  # the modes take turns
-        policy.actor.head.linear.bias[-modes:] = 0
-        policy.actor.head.linear.weight[-modes:] = 20 * torch.randn(modes, 32)
+        policy.network.head.linear.bias[-modes:] = 0
+        policy.network.head.linear.weight[-modes:] = 20 * torch.randn(modes, 32)
     with Demonstrations(data) as demos:
         use = hint_use(policy, demos, "demo_0")
         demo = demos["demo_0"]
@@ -56,7 +56,7 @@ def test_the_likeliest_mode_is_taken(labelled, tmp_path):
         numbers = np.concatenate([demo.observation(key) for key in keys], axis=1).astype(np.float32)
         hint = torch.from_numpy(demo.observation("ocp_hint"))
     with torch.no_grad():
-        mixture, _ = policy.actor.distribution(Observation(torch.from_numpy(numbers), {}, hint))
+        mixture, _ = policy.network.distribution(Observation(torch.from_numpy(numbers), {}, hint))
     mode = mixture.logits.argmax(dim=-1).numpy()
     assert len(set(mode)) > 1
     np.testing.assert_allclose(use.probability, mixture.logits.softmax(dim=-1).max(dim=-1).values.numpy(), rtol=1e-5)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from ocplanner.policies.config import preset
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation, cropped
 
 SHAPES = {"bc": (6,), "bc-rnn": (5, 6)}
@@ -14,7 +14,7 @@ SHAPES = {"bc": (6,), "bc-rnn": (5, 6)}
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
 @pytest.mark.parametrize("cameras", [(), ("agentview", "robot0_eye_in_hand")])
 def test_shapes(small, observe, algorithm, cameras):
-    actor = make_actor(small(algorithm, hint=(1, 5), cameras=cameras), 23, 7)
+    actor = make_network(small(algorithm, hint=(1, 5), cameras=cameras), 23, 7)
     seen = observe(SHAPES[algorithm], 13, cameras)
     mixture, _ = actor.distribution(seen)
     assert mixture.means.shape == mixture.stds.shape == (*SHAPES[algorithm], 5, 7)
@@ -25,7 +25,7 @@ def test_shapes(small, observe, algorithm, cameras):
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
 def test_a_tiny_batch_is_learned_by_heart(small, observe, algorithm):
     config = small(algorithm)
-    actor = make_actor(replace(config, network=replace(config.network, lstm_hidden=64)), 23, 7)
+    actor = make_network(replace(config, network=replace(config.network, lstm_hidden=64)), 23, 7)
     seen, actions = observe(SHAPES[algorithm]), torch.rand(*SHAPES[algorithm], 7) * 1.8 - 0.9
     optimiser = torch.optim.Adam(actor.parameters(), lr=5e-3)
     slower = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=1000)
@@ -41,7 +41,7 @@ def test_a_tiny_batch_is_learned_by_heart(small, observe, algorithm):
 
 
 def test_an_lstm_step_by_step_is_the_sequence_at_once(small, observe):
-    actor = make_actor(small("bc-rnn"), 23, 7)
+    actor = make_network(small("bc-rnn"), 23, 7)
     seen, memory = observe((5, 6)), None
     whole, _ = actor.distribution(seen)
     for t in range(5):
@@ -57,13 +57,13 @@ def test_an_lstm_step_by_step_is_the_sequence_at_once(small, observe):
     ],
 )
 def test_the_published_networks_have_robomimics_number_of_parameters(algorithm, count):
-    actor = make_actor(preset("robomimic", algorithm), 23, 7)
+    actor = make_network(preset("robomimic", algorithm), 23, 7)
     assert sum(parameter.numel() for parameter in actor.parameters()) == count
 
 
 def test_the_seed_decides_the_first_weights_and_leaves_torchs_alone(small):
     before = torch.random.get_rng_state()
-    first, same, other = (make_actor(small(seed=seed), 23, 7).state_dict() for seed in (0, 0, 1))
+    first, same, other = (make_network(small(seed=seed), 23, 7).state_dict() for seed in (0, 0, 1))
     assert all(torch.equal(first[name], same[name]) for name in first)
     assert not torch.equal(first["head.linear.weight"], other["head.linear.weight"])
     assert torch.equal(before, torch.random.get_rng_state())
@@ -74,13 +74,13 @@ def test_numbers_are_standardised_by_the_training_data(small):
     numbers = torch.randn(500, 23) * 7 + 100
     numbers[:, 3] = 0.5
     seen = Observation(numbers, {}, None)
-    encoder = make_actor(config, 23, 7).encoder
+    encoder = make_network(config, 23, 7).encoder
     encoder.fit(numbers)
     encoded = encoder(seen)
     torch.testing.assert_close(encoded.mean(0), torch.zeros(23), rtol=0, atol=1e-4)
     torch.testing.assert_close(encoded[:, :3].std(0, correction=0), torch.ones(3), rtol=1e-4, atol=0)
     assert torch.equal(encoded[:, 3], torch.zeros(500))
-    plain = make_actor(replace(config, observation=replace(config.observation, normalise=False)), 23, 7).encoder
+    plain = make_network(replace(config, observation=replace(config.observation, normalise=False)), 23, 7).encoder
     plain.fit(numbers)
     assert torch.equal(plain(seen), numbers)
 

@@ -19,7 +19,7 @@ def test_values_follow_the_episode_whatever_the_batch(tiny_square, tmp_path, mon
         np.testing.assert_allclose(q_values(policy, demos, "demo_2"), whole, rtol=1e-5)
         demo = demos["demo_2"]
         rows = np.concatenate([demo.observation(key) for key in policy.observation_keys], axis=1)
-        second = policy.actor.critics.members[1]
+        second = policy.network.critics.members[1]
         values = second(Observation(torch.from_numpy(rows).float(), {}, None), torch.from_numpy(demo.actions).float())
     assert whole.shape == (2, 90)
     np.testing.assert_allclose(whole[1], values.detach().numpy(), rtol=1e-4, atol=1e-5)

@@ -5,7 +5,7 @@ from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
 from ocplanner.planner.config import to_dict
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.rollout import PolicyRollout
 
@@ -25,7 +25,7 @@ def policy(tmp_path, small):
         config = small(algorithm, hint)
         path = tmp_path / "policy.safetensors"
         save_policy(
-            make_actor(config, 23, 7),
+            make_network(config, 23, 7),
             {**ABOUT, "low_dim": 23, "actions": 7, "training": to_dict(config), **about},
             path,
         )

@@ -11,7 +11,6 @@ import tyro
 from ocplanner.errors import InvalidValueError
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import (
-    Algorithm,
     HintConfig,
     ObservationKind,
     PolicyTraining,
@@ -38,7 +37,7 @@ class TrainPolicy:
     """Robomimic HDF5; `ocplanner label` adds hints, `ocplanner render` images. Default: the one that --config names."""
     config: Path | None = None
     """Robomimic JSON configuration (algo_name: bc) in place of a preset; other flags override it."""
-    algorithm: Algorithm | None = None
+    algorithm: Literal["bc", "bc-rnn", "bcq"] | None = None
     """bc (the default): the last observation decides. bc-rnn: an LSTM remembers. bcq: learns from rewards, which
     `ocplanner label --reward` makes dense."""
     preset: Preset | None = None
@@ -138,14 +137,14 @@ class TrainPolicy:
         flags = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.mask is not None:
             flags["mask"] = None if self.mask == "all" else self.mask
-        seen, network, bcq = base.observation, base.network, base.bcq
+        seen, network, bcq = base.observation, base.network, base.algorithm_settings
         if self.sampler is not None:
-            require(bcq is not None, "--sampler is for --algorithm bcq alone")
-            flags["bcq"] = bcq = (bcq or BCQConfig()).proposing(self.sampler)
+            require(isinstance(bcq, BCQConfig), "--sampler is for --algorithm bcq alone")
+            flags["algorithm_settings"] = bcq = BCQConfig.of(base).proposing(self.sampler)
         if self.kl_weight is not None:
-            vae = bcq is not None and bcq.sampler == "vae"
+            vae = isinstance(bcq, BCQConfig) and bcq.sampler == "vae"
             require(vae, "--kl-weight is for --algorithm bcq with --sampler vae alone")
-            flags["bcq"] = replace(bcq or BCQConfig(), kl_weight=self.kl_weight)
+            flags["algorithm_settings"] = replace(bcq, kl_weight=self.kl_weight)  # type: ignore[call-arg]
         return replace(
             base,
             observation=replace(
@@ -160,10 +159,10 @@ class TrainPolicy:
 
     def _preset(self) -> PolicyTraining:
         if self.sampler_from is not None:
-            from ocplanner.policies.frozen_sampler import above_policy
+            from ocplanner.policies.frozen_sampler import frozen_sampler_training
             from ocplanner.policies.policy import Policy
 
-            return above_policy(Policy.load(self.sampler_from), self.preset or "cpu")
+            return frozen_sampler_training(Policy.load(self.sampler_from), self.preset or "cpu")
         return preset(self.preset or "cpu", self.algorithm or "bc", self.observations or "state")
 
     def _hint(self, base: HintConfig | None) -> HintConfig | None:

@@ -3,19 +3,20 @@
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from ocplanner.errors import MismatchError
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.gmm import GmmHead, Mixture
 from ocplanner.policies.hint import HintWeights, residual_motion
+from ocplanner.policies.network import PolicyNetwork
 from ocplanner.policies.observation import Observation, ObservationEncoder
 
 Memory = tuple[Tensor, Tensor]
 """State of an LSTM."""
 
 
-class Actor(nn.Module):
+class Actor(PolicyNetwork):
     """An observation encoder, an algorithm's own layers, and a mixture head with or without the hint."""
 
     head: GmmHead
@@ -64,10 +65,8 @@ class Actor(nn.Module):
             return self.encoder(observation)
         return self.encoder(observation, observation.hint[..., -1] > 0.5)
 
-    def act(
-        self, observation: Observation, memory: Memory | None, generator: torch.Generator
-    ) -> tuple[Tensor, Memory | None]:
-        """(..., A) actions drawn from the mixture, and the memory after the last step."""
+    def act(self, observation: Observation, memory: Any, generator: torch.Generator) -> tuple[Tensor, Any]:
+        """(B, A) actions drawn from the mixture; see :class:`ocplanner.policies.network.PolicyNetwork`."""
         mixture, memory = self.distribution(observation, memory)
         return mixture.sample(self.config.network.gmm.low_noise, generator), memory
 

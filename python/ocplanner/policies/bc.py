@@ -6,7 +6,9 @@ import torch
 from torch import Tensor, nn
 
 from ocplanner.policies.actor import Actor, Memory
-from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.algorithms import Algorithm
+from ocplanner.policies.config import ObservationKind, PolicyTraining, Preset, cpu_preset, robomimic_preset
+from ocplanner.policies.imitation import Imitation
 
 
 class BC(Actor):
@@ -23,3 +25,12 @@ class BC(Actor):
         for layer in self.layers:
             encoded = torch.relu(layer(encoded))
         return encoded, memory
+
+
+def _preset(name: Preset, kind: ObservationKind) -> PolicyTraining:
+    if name == "robomimic":
+        return robomimic_preset("bc", kind)
+    return cpu_preset("bc", kind, steps=20_000, batch=100 if kind == "state" else 64)
+
+
+ALGORITHM = Algorithm(BC, Imitation, _preset)

@@ -1,15 +1,19 @@
 """Settings that only batch-constrained Q-learning has."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+from ocplanner.policies.algorithms import AlgorithmSettings
 from ocplanner.settings import require, require_choice
+
+if TYPE_CHECKING:
+    from ocplanner.policies.config import PolicyTraining
 
 Sampler = Literal["vae", "gmm", "policy"]
 
 
 @dataclass(frozen=True)
-class BCQConfig:
+class BCQConfig(AlgorithmSettings):
     """A sampler that proposes actions, and critics that choose among them. Defaults: robomimic's from states."""
 
     critic_hidden: tuple[int, ...] = (300, 400)
@@ -34,6 +38,17 @@ class BCQConfig:
     before, which stays as it is; the critics read the features that it sees."""
     sampler_sha256: str | None = None
     """Hash of that policy's file; None for the others."""
+
+    @staticmethod
+    def of(training: "PolicyTraining") -> "BCQConfig":
+        """The settings of BCQ in those of a training.
+
+        Raises:
+            InvalidValueError: the training is of another algorithm.
+        """
+        settings = training.algorithm_settings
+        require(isinstance(settings, BCQConfig), f"{training.algorithm} has no critics; train with bcq")
+        return settings  # type: ignore[return-value]
 
     def proposing(self, sampler: Sampler, sha256: str | None = None) -> "BCQConfig":
         """The same with this sampler, if it is a trained policy the one whose file has this hash.

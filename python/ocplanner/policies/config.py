@@ -4,14 +4,13 @@ A run folder's ``config.yaml`` is one :class:`PolicyTraining`; the same travels 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ocplanner.planner.config import EncoderConfig
-from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.algorithms import AlgorithmSettings, find_algorithm
 from ocplanner.settings import build, require, require_choice
 
-Algorithm = Literal["bc", "bc-rnn", "bcq"]
 ObservationKind = Literal["state", "image"]
 Preset = Literal["cpu", "robomimic"]
 StdActivation = Literal["softplus", "exp"]
@@ -121,13 +120,14 @@ class NetworkConfig:
 class PolicyTraining:
     """Everything that decides the weights of a policy, given a data set."""
 
-    algorithm: Algorithm = "bc"
+    algorithm: str = "bc"
+    """One of :data:`ocplanner.policies.algorithms.ALGORITHMS`."""
     preset: Preset = "cpu"
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    """BC and BC-RNN, and BCQ where a mixture proposes."""
-    bcq: BCQConfig | None = None
-    """BCQ: its networks and targets; None for the others."""
+    """BC and BC-RNN, and BCQ where a mixture proposes actions."""
+    algorithm_settings: AlgorithmSettings = field(default_factory=AlgorithmSettings)
+    """What only this algorithm has, such as :class:`ocplanner.policies.bcq_config.BCQConfig`."""
     steps: int = 200_000
     batch: int = 100
     """Samples (BC, BCQ) or sequences (BC-RNN) a step, over all processes together."""
@@ -158,17 +158,23 @@ class PolicyTraining:
         """Whether a rollout must make hints: they shift the actions, or are an observation, or both."""
         return self.network.hint is not None or HINT_KEY in self.observation.low_dim
 
+    @property
+    def sequence(self) -> int | None:
+        """Steps of a training sequence, or None where single steps are learned from."""
+        return self.network.sequence if find_algorithm(self.algorithm).sequences else None
+
     def __post_init__(self) -> None:
         """Check the numbers."""
-        require_choice("algorithm", self.algorithm, Algorithm)
+        algorithm = find_algorithm(self.algorithm)
         require_choice("preset", self.preset, Preset)
         require_choice("schedule", self.schedule, Schedule)
         require_choice("precision", self.precision, Precision)
-        require((self.algorithm == "bcq") == (self.bcq is not None), "bcq settings belong to the algorithm bcq alone")
-        rounded = self.bcq is not None and self.precision == "bfloat16"
-        require(not rounded, "bcq learns in float32 alone: drop --precision bfloat16, or choose bc or bc-rnn")
+        own, wanted = type(self.algorithm_settings), algorithm.settings
+        require(own is wanted, f"{self.algorithm} needs algorithm_settings of {wanted.__name__}, not {own.__name__}")
+        exact = algorithm.bfloat16 or self.precision == "float32"
+        require(exact, f"{self.algorithm} learns in float32 alone: drop --precision {self.precision}")
         hint, seen = self.network.hint, self.observation
-        require(self.bcq is None or hint is None, "bcq reads no hint; choose bc or bc-rnn, or no hint")
+        require(algorithm.hints or hint is None, f"{self.algorithm} reads no hint: drop --hint, or choose bc or bc-rnn")
         if hint is not None and hint.instead_of_pictures:
             require(len(seen.cameras) > 0, "a hint instead of pictures needs pictures: --observations image")
             listed = " ".join((*seen.low_dim, HINT_KEY))
@@ -182,78 +188,72 @@ class PolicyTraining:
         require(self.seed >= 0, f"seed {self.seed} must not be negative")
 
 
-def preset(name: str, algorithm: Algorithm = "bc", kind: ObservationKind = "state") -> PolicyTraining:
+def preset(name: str, algorithm: str = "bc", kind: str = "state") -> PolicyTraining:
     """The settings called ``robomimic`` (as published) or ``cpu`` (smaller, under an hour on one or two cores).
 
     Args:
         name: of the preset.
-        algorithm: ``bc``, ``bc-rnn`` or ``bcq``.
+        algorithm: one of :data:`ocplanner.policies.algorithms.ALGORITHMS`.
         kind: ``state`` (low-dimensional observations with the object's pose) or ``image`` (proprioception and cameras).
 
     Raises:
         UnknownNameError: for any other name.
     """
     require_choice("preset", name, Preset)
-    require_choice("algorithm", algorithm, Algorithm)
     require_choice("observation", kind, ObservationKind)
-    return _robomimic(algorithm, kind) if name == "robomimic" else _cpu(algorithm, kind)
+    return find_algorithm(algorithm).preset(name, kind)  # type: ignore[arg-type]
 
 
-def _robomimic(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
-    bcq = algorithm == "bcq"
+def robomimic_preset(algorithm: str, kind: ObservationKind, **changes: Any) -> PolicyTraining:
+    """What robomimic's published hyperparameters have in common, with an algorithm's own changes."""
     if kind == "state":
-        return PolicyTraining(algorithm, "robomimic", bcq=BCQConfig() if bcq else None, steps=200_000, batch=100)
-    resnet = EncoderConfig(type="resnet18", pool="spatial_softmax", keypoints=32, feature=64, feature_relu=True)
-    return PolicyTraining(
-        algorithm,
-        "robomimic",
-        ObservationConfig(PROPRIOCEPTION, CAMERAS, encoder=resnet),
-        NetworkConfig(lstm_hidden=1000),
-        BCQConfig(critic_learning_rate=1e-3, vae_hidden=(1024, 1024)) if bcq else None,
-        steps=300_000,
-        batch=16,
-        save_every=10_000,
-    )
+        settings: dict[str, Any] = {"steps": 200_000, "batch": 100}
+    else:
+        resnet = EncoderConfig(type="resnet18", pool="spatial_softmax", keypoints=32, feature=64, feature_relu=True)
+        settings = {
+            "observation": ObservationConfig(PROPRIOCEPTION, CAMERAS, encoder=resnet),
+            "network": NetworkConfig(lstm_hidden=1000),
+            "steps": 300_000,
+            "batch": 16,
+            "save_every": 10_000,
+        }
+    return PolicyTraining(algorithm, "robomimic", **(settings | changes))
 
 
-_CPU_IMAGE = {"bc": (20_000, 64), "bc-rnn": (12_000, 16), "bcq": (15_000, 32)}
-"""Steps and batch of the ``cpu`` preset that learns from images."""
-
-
-def _cpu(algorithm: Algorithm, kind: ObservationKind) -> PolicyTraining:
-    state = kind == "state"
-    steps, image_batch = _CPU_IMAGE[algorithm]
-    if state:
-        steps = 30_000 if algorithm == "bcq" else 20_000
-    return PolicyTraining(
-        algorithm,
-        "cpu",
-        ObservationConfig(normalise=True) if state else ObservationConfig(PROPRIOCEPTION, CAMERAS, normalise=True),
-        NetworkConfig() if algorithm == "bcq" else NetworkConfig(hidden=(512, 512), lstm_hidden=200),
-        # Fewer steps: faster targets, so that values still travel from the end of an episode to its start.
-        BCQConfig(critic_learning_rate=5e-4, tau=5e-3) if algorithm == "bcq" else None,
-        steps=steps,
-        batch=100 if state else image_batch,
-        learning_rate=1e-3 if algorithm == "bc-rnn" else 5e-4,
-        schedule="cosine",
-        warmup=200,
-        clip=10.0,
-        ema=0.999,
-        save_every=steps // 10,
-    )
+def cpu_preset(algorithm: str, kind: ObservationKind, steps: int, batch: int, **changes: Any) -> PolicyTraining:
+    """What the smaller settings have in common, with an algorithm's own steps, batch and changes."""
+    seen = ObservationConfig() if kind == "state" else ObservationConfig(PROPRIOCEPTION, CAMERAS)
+    settings: dict[str, Any] = {
+        "observation": replace(seen, normalise=True),
+        "network": NetworkConfig(hidden=(512, 512), lstm_hidden=200),
+        "steps": steps,
+        "batch": batch,
+        "learning_rate": 5e-4,
+        "schedule": "cosine",
+        "warmup": 200,
+        "clip": 10.0,
+        "ema": 0.999,
+        "save_every": steps // 10,
+    }
+    return PolicyTraining(algorithm, "cpu", **(settings | changes))
 
 
 def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
     """The inverse of :func:`ocplanner.planner.config.to_dict` for :class:`PolicyTraining`.
 
+    Files of format 1 keep the algorithm's own settings under ``bcq``, null for other algorithms.
+
     Raises:
         InvalidValueError: a key is unknown or a value is outside its domain.
+        UnknownNameError: there is no such algorithm.
     """
     values = dict(values)
+    own = values.pop("algorithm_settings", None) or values.pop("bcq", None) or {}
+    values.pop("bcq", None)
     observation, network = dict(values.pop("observation", {})), dict(values.pop("network", {}))
-    hint, bcq = network.pop("hint", None), values.pop("bcq", None)
+    hint = network.pop("hint", None)
     parts = {
-        "bcq": None if bcq is None else build(BCQConfig, bcq),
+        "algorithm_settings": build(find_algorithm(values.get("algorithm", "bc")).settings, own),
         "observation": build(
             ObservationConfig, observation | {"encoder": build(EncoderConfig, observation.pop("encoder", {}))}
         ),

@@ -59,8 +59,8 @@ class Samples:
             device: where the tensors go.
             rng: places the crops; None: central.
         """
-        if config.algorithm == "bc-rnn":
-            steps = np.arange(config.network.sequence)[:, None]
+        if config.sequence is not None:
+            steps = np.arange(config.sequence)[:, None]
             rows = np.minimum(rows + steps, self.last[rows])
         index = torch.from_numpy(rows)
         images = {

@@ -16,7 +16,7 @@ _STEPS, _BATCH = 10_000, 100
 """Of the ``cpu`` preset: only critics learn, and from features that are computed once."""
 
 
-def above_policy(policy: Policy, name: Preset = "cpu") -> PolicyTraining:
+def frozen_sampler_training(policy: Policy, name: Preset = "cpu") -> PolicyTraining:
     """Settings of critics that choose among a trained policy's actions; the policy itself stays as it is.
 
     Critics for several rewards can stand above one policy. They read the features that it sees, so each is trained in
@@ -36,8 +36,8 @@ def above_policy(policy: Policy, name: Preset = "cpu") -> PolicyTraining:
         raise MismatchError(f"{policy.path} {found}; critics need one that bc trained without a hint")
     base = preset(name, "bcq", "image" if training.observation.cameras else "state")
     small = {"steps": _STEPS, "batch": _BATCH, "save_every": _STEPS // 10} if name == "cpu" else {}
-    bcq = (base.bcq or BCQConfig()).proposing("policy", policy.sha256)
-    return replace(base, observation=training.observation, network=training.network, bcq=bcq, **small)
+    bcq = BCQConfig.of(base).proposing("policy", policy.sha256)
+    return replace(base, observation=training.observation, network=training.network, algorithm_settings=bcq, **small)
 
 
 def check_recorded(policy: Policy, about: Mapping[str, Any], data: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
@@ -14,6 +14,7 @@ from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HintConfig
 from ocplanner.policies.data import load_samples
 from ocplanner.policies.hint import displacements
+from ocplanner.policies.network import PolicyNetwork
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import Policy
 
@@ -92,12 +93,11 @@ def hint_use(policy: Policy, demos: Demonstrations, name: str) -> HintUse:
     """
     hint = check_fits(policy, demos)
     samples = load_samples(demos, [name], policy.training)
-    recurrent = policy.training.algorithm == "bc-rnn"
-    stride = policy.training.network.sequence if recurrent else 1
-    seen, _ = samples.batch(np.arange(0, len(samples), stride), policy.training, torch.device("cpu"), None)
+    sequence = policy.training.sequence
+    seen, _ = samples.batch(np.arange(0, len(samples), sequence or 1), policy.training, torch.device("cpu"), None)
     with torch.inference_mode():
-        parts = _most_likely(policy.actor, seen)
-    if recurrent:  # (sequence, sequences, ...) to steps; the last sequence is padded
+        parts = _most_likely(policy.network, seen)
+    if sequence is not None:  # (sequence, sequences, ...) to steps; the last sequence is padded
         parts = [part.transpose(0, 1).flatten(0, 1) for part in parts]
     weights, residual, probability, moves, flag = (part[: len(samples)].numpy() for part in parts)
     return HintUse(name, hint.horizons, flag, moves, weights, residual, probability)
@@ -135,17 +135,17 @@ def _kind(labels: Mapping[str, Any]) -> str:
     return f"hints {steps} steps ahead from the {origin} by planner {labels['planner_sha256'][:12]}"
 
 
-def _most_likely(actor: nn.Module, seen: Observation) -> list[Tensor]:
+def _most_likely(network: PolicyNetwork, seen: Observation) -> list[Tensor]:
     """Weights, residual and probability of the most likely mode; then the hint and its flag: each (..., as above)."""
-    if not isinstance(actor, Actor) or actor.hint is None or seen.hint is None:
+    if not isinstance(network, Actor) or network.hint is None or seen.hint is None:
         raise MismatchError("the network reads no hint")
-    features, _ = actor.features(actor.encode(seen), None)
-    residual, weights = actor.head(features), actor.hint.weights(features)
+    features, _ = network.features(network.encode(seen), None)
+    residual, weights = network.head(features), network.hint.weights(features)
     probability, mode = residual.logits.softmax(dim=-1).max(dim=-1)
     return [
         weights.take_along_dim(mode[..., None, None, None], dim=-3).squeeze(-3),
-        actor.hint.residual(residual.means, seen.hint).take_along_dim(mode[..., None, None], dim=-2).squeeze(-2),
+        network.hint.residual(residual.means, seen.hint).take_along_dim(mode[..., None, None], dim=-2).squeeze(-2),
         probability,
-        displacements(seen.hint, actor.hint.config),
+        displacements(seen.hint, network.hint.config),
         seen.hint[..., -1] > 0.5,
     ]

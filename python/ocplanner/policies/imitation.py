@@ -38,8 +38,7 @@ class Imitation:
         config = self.config
         self.network.eval()
         total = 0.0
-        stride = config.network.sequence if config.algorithm == "bc-rnn" else 1
-        every = np.arange(0, len(samples), stride)
+        every = np.arange(0, len(samples), config.sequence or 1)
         with torch.inference_mode():
             for start in range(0, len(every), EVALUATION_BATCH):
                 rows = every[start : start + EVALUATION_BATCH]

@@ -1,45 +1,40 @@
-"""Makes the network that a configuration names."""
+"""What every policy's network does, and how it gets its first weights."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from typing import Any
 
 import torch
+from torch import Tensor, nn
 
-from ocplanner.policies.actor import Actor
-from ocplanner.policies.bc import BC
-from ocplanner.policies.bc_rnn import BCRNN
-from ocplanner.policies.bcq import BCQ
+from ocplanner.policies.algorithms import find_algorithm
 from ocplanner.policies.config import PolicyTraining
+from ocplanner.policies.observation import Observation
 
-IMITATION: dict[str, type[BC] | type[BCRNN]] = {"bc": BC, "bc-rnn": BCRNN}
+
+class PolicyNetwork(nn.Module):
+    """A network that acts; what a policy file holds."""
+
+    def act(self, observation: Observation, memory: Any, generator: torch.Generator) -> tuple[Tensor, Any]:
+        """Actions for one step of B environments.
+
+        Args:
+            observation: of B environments.
+            memory: what the last call of the episode gave; None at its start.
+            generator: of what is drawn.
+
+        Returns:
+            (B, A) actions, and the memory for the next step.
+        """
+        raise NotImplementedError
 
 
-def make_network(config: PolicyTraining, low_dim: int, actions: int) -> Actor | BCQ:
-    """The network with its first weights, which depend on the configuration's seed alone.
+def make_network(config: PolicyTraining, low_dim: int, actions: int) -> PolicyNetwork:
+    """The network of a configuration. Its first weights depend on the configuration's seed alone.
 
     Args:
         config: algorithm and sizes.
         low_dim: width of the low-dimensional observation, D.
         actions: width of an action, A.
     """
-    return make_bcq(config, low_dim, actions) if config.algorithm == "bcq" else make_actor(config, low_dim, actions)
-
-
-def make_actor(config: PolicyTraining, low_dim: int, actions: int) -> Actor:
-    """:func:`make_network` for algorithms that imitate."""
-    with _seeded(config.seed):
-        return IMITATION[config.algorithm](config, low_dim, actions)
-
-
-def make_bcq(config: PolicyTraining, low_dim: int, actions: int) -> BCQ:
-    """:func:`make_network` for BCQ."""
-    with _seeded(config.seed):
-        return BCQ(config, low_dim, actions)
-
-
-@contextmanager
-def _seeded(seed: int) -> Iterator[None]:
-    """The program's own random numbers stay as they are."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        yield
+    with torch.random.fork_rng(devices=[]):  # the program's own random numbers stay as they are
+        torch.manual_seed(config.seed)
+        return find_algorithm(config.algorithm).network(config, low_dim, actions)

@@ -12,14 +12,13 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save
-from torch import Tensor, nn
+from torch import Tensor
 
 from ocplanner.errors import MismatchError, ModelFileError, ShapeError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.files.storage import atomic_write
-from ocplanner.policies.actor import Memory
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
-from ocplanner.policies.network import make_network
+from ocplanner.policies.network import PolicyNetwork, make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 
 FORMAT = 1
@@ -36,18 +35,18 @@ _SETUP: dict[str, Any] = {
 """What a policy's file says about the recordings, for those who let it act in an environment."""
 
 
-def save_policy(actor: nn.Module, description: Mapping[str, Any], path: Path) -> None:
+def save_policy(network: PolicyNetwork, description: Mapping[str, Any], path: Path) -> None:
     """Write a policy file atomically.
 
     Args:
-        actor: the network.
+        network: the network.
         description: what :class:`Policy` gives as ``config``; JSON.
         path: the file to write.
 
     Raises:
         OutputError: it cannot be written.
     """
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in actor.state_dict().items()}
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     metadata = {"ocplanner": json.dumps({"format": FORMAT, "kind": "policy", "config": dict(description)})}
     with atomic_write(path) as temporary:
         temporary.write_bytes(save(tensors, metadata=metadata))
@@ -61,7 +60,7 @@ class Policy:
         sha256: its hash.
         config: the file's whole configuration.
         observation_keys: what :meth:`act` needs, by the names under ``obs``.
-        actor: the network.
+        network: the network.
     """
 
     def __init__(self, path: Path, data: bytes) -> None:
@@ -75,9 +74,9 @@ class Policy:
         self.training = training_from_dict(self.config["training"])
         tensors = load_tensors(data)
         _check_sizes(self.training, self.config, tensors)
-        self.actor = make_network(self.training, self.config["low_dim"], self.config["actions"])
-        self.actor.load_state_dict(tensors)
-        self.actor.eval()
+        self.network = make_network(self.training, self.config["low_dim"], self.config["actions"])
+        self.network.load_state_dict(tensors)
+        self.network.eval()
         seen = self.training.observation
         hint = (HINT_KEY,) if self.training.reads_hints else ()
         keys = (*seen.low_dim, *(f"{name}_image" for name in seen.cameras), *hint)
@@ -126,15 +125,11 @@ class Policy:
 
     def reset(self, seed: int) -> None:
         """Begin an episode: forget what was seen, and draw actions from this seed."""
-        self._memory: Memory | None = None
-        self._steps = 0
+        self._memory: Any = None
         self._generator = torch.Generator().manual_seed(seed)
 
     def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Draw actions, clipped to [-1, 1].
-
-        BC-RNN forgets after as many steps as its training sequences have, as robomimic's does. BCQ draws as many as its
-        configuration says and gives the one that its first critic values most.
 
         Args:
             observation: for each of ``observation_keys`` an array (B, d), or (B, h, w, 3) uint8 for a camera.
@@ -147,16 +142,9 @@ class Policy:
             ShapeError: an array has the wrong shape.
         """
         seen = self._tensors(observation)
-        recurrent = self.training.algorithm == "bc-rnn"
         with torch.inference_mode():
-            if recurrent:
-                if self._steps % self.training.network.sequence == 0:
-                    self._memory = None
-                seen = _one_step(seen)
-            # The memory, None included, is the same network's own.
-            actions, self._memory = self.actor.act(seen, self._memory, self._generator)  # type: ignore[arg-type]
-        self._steps += 1
-        return (actions[0] if recurrent else actions).clamp(-1, 1).numpy()
+            actions, self._memory = self.network.act(seen, self._memory, self._generator)
+        return actions.clamp(-1, 1).numpy()
 
     def _tensors(self, observation: Mapping[str, np.ndarray]) -> Observation:
         missing = [key for key in self.observation_keys if key not in observation]
@@ -201,11 +189,6 @@ def _check_sizes(training: PolicyTraining, config: Mapping[str, Any], tensors: M
         sizes = [tuple(found[name].shape) if name in found else None for found in (wanted, tensors)]
         if sizes[0] != sizes[1]:
             raise ValueError(f"{name} is {sizes[1]} in it, but {sizes[0]} by its configuration")
-
-
-def _one_step(seen: Observation) -> Observation:
-    images = {name: image[None] for name, image in seen.images.items()}
-    return Observation(seen.low_dim[None], images, None if seen.hint is None else seen.hint[None])
 
 
 def _found(path: Path, error: Exception) -> str:

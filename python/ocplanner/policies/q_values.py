@@ -5,7 +5,7 @@ import torch
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError
-from ocplanner.policies.bcq import BCQ
+from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.converted_episode import load_episode
 from ocplanner.policies.data import Samples
 from ocplanner.policies.learner import EVALUATION_BATCH
@@ -49,7 +49,7 @@ def values_of(policy: Policy, samples: Samples) -> np.ndarray:
 
 
 def _critics(policy: Policy) -> BCQ:
-    network, algorithm = policy.actor, policy.training.algorithm
+    network, algorithm = policy.network, policy.training.algorithm
     if not isinstance(network, BCQ):
-        raise MismatchError(f"{policy.path} was trained by {algorithm}, which has no critics; train one by bcq")
+        raise MismatchError(f"{policy.path} was trained by {algorithm}, which has no critics; train one with bcq")
     return network

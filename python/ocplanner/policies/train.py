@@ -26,12 +26,13 @@ from ocplanner.files.storage import locked
 from ocplanner.planner.config import to_dict
 from ocplanner.planner.progress import Progress
 from ocplanner.policies.action_samplers import TrainedPolicy
-from ocplanner.policies.bcq import BCQ
-from ocplanner.policies.bcq_learning import BatchConstrainedQ, encoded
+from ocplanner.policies.algorithms import find_algorithm
+from ocplanner.policies.bcq import encoded
+from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
 from ocplanner.policies.data import Samples, check_horizons, load_samples
 from ocplanner.policies.frozen_sampler import check_recorded
-from ocplanner.policies.imitation import Imitation
 from ocplanner.policies.learner import Learner, rate
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
@@ -68,7 +69,7 @@ def train_policy(
         run: run folder, made when absent; on several machines it must be shared.
         processes: training processes on this machine: one a GPU, or CPU processes.
         sampler: file of the policy that proposes, if ``config`` is that of
-            :func:`ocplanner.policies.frozen_sampler.above_policy`.
+            :func:`ocplanner.policies.frozen_sampler.frozen_sampler_training`.
 
     Returns:
         The policy file's path: the last weights (averaged ones with ``ema``). Earlier ones are in ``run/policies``.
@@ -168,7 +169,7 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             **_actions(demos),
             "render": demos.render_settings,
             "labels": demos.label_settings if config.reads_hints else None,
-            "rewards": None if config.bcq is None else demos.label_settings,
+            "rewards": demos.label_settings if find_algorithm(config.algorithm).rewards else None,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],
         }
@@ -177,7 +178,7 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
 
 def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:
     samples = load_samples(demos, names, config)
-    if config.bcq is None:
+    if not find_algorithm(config.algorithm).rewards:
         return samples
     return replace(samples, transitions=load_transitions(demos, names, config))
 
@@ -193,7 +194,8 @@ def _actions(demos: Demonstrations) -> dict[str, Any]:
 
 def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: Path | None) -> Policy | None:
     """The trained policy that proposes to the critics, if the configuration names one."""
-    wanted = None if config.bcq is None else config.bcq.sampler_sha256
+    own = config.algorithm_settings
+    wanted = own.sampler_sha256 if isinstance(own, BCQConfig) else None
     if sampler is None:
         require(wanted is None, f"the policy with hash {wanted} proposes: give its file as sampler")
         return None
@@ -216,18 +218,16 @@ class _Training:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = Progress()
         self.train, self.valid = recorded.train, recorded.valid
-        actor = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
+        network = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
         if proposing is None:
-            fit_encoders(actor, recorded.train.low_dim)
-        elif isinstance(actor, BCQ) and isinstance(actor.sampler, TrainedPolicy):
-            actor.sampler.actor.load_state_dict(proposing.actor.state_dict())
-            self._encode(actor, proposing)
+            fit_encoders(network, recorded.train.low_dim)
+        elif isinstance(network, BCQ) and isinstance(network.sampler, TrainedPolicy):
+            network.sampler.actor.load_state_dict(proposing.network.state_dict())
+            self._encode(network, proposing)
         if config.observation.cameras:
-            actor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        actor.to(fabric.device)
-        self.learner: Learner = (
-            BatchConstrainedQ(fabric, config, actor) if isinstance(actor, BCQ) else Imitation(fabric, config, actor)
-        )
+            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        network.to(fabric.device)
+        self.learner: Learner = find_algorithm(config.algorithm).learner(fabric, config, network)
         self.seconds = 0.0
         self._sums: dict[str, float] = {}
         self._summed = 0

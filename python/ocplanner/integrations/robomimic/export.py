@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from robomimic.utils.file_utils import load_dict_from_checkpoint
@@ -15,7 +15,7 @@ from ocplanner.errors import MismatchError, ModelFileError
 from ocplanner.planner.config import to_dict
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HINT_KEY, ObservationConfig
-from ocplanner.policies.network import make_actor
+from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.robomimic_config import parse_robomimic_config
 from ocplanner.policies.train import read
@@ -60,7 +60,7 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
     training = replace(given.training, observation=replace(seen, low_dim=order))
     recorded = read(training, data)
     about = recorded.about
-    actor = make_actor(training, about["low_dim"], about["actions"])
+    actor = cast(Actor, make_network(training, about["low_dim"], about["actions"]))
     # Everything else must come from the checkpoint: loading is strict.
     state = {"encoder.mean": actor.encoder.mean, "encoder.std": actor.encoder.std}
     try:
