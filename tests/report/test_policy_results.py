@@ -41,7 +41,9 @@ def test_critics_are_grouped_by_their_rewards_whatever_policy_they_stand_above(w
     for seed in (0, 1):
         bcq = BCQConfig().proposing("policy", f"{seed}" * 64)
         for name, rewards in (("sparse", None), ("dense", made)):
-            paths.append(write_evaluation(f"{name}_{seed}", seed=seed, rewards=rewards, algorithm="bcq", bcq=bcq))
+            paths.append(
+                write_evaluation(f"{name}_{seed}", seed=seed, rewards=rewards, algorithm="bcq", algorithm_settings=bcq)
+            )
     sparse, dense = cells_of(*paths)
     assert [record.seed for record in sparse.records] == [record.seed for record in dense.records] == [0, 1]
     assert dense.variant == "no hint (rewards reward only, rewards form exp)"

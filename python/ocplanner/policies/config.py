@@ -239,7 +239,7 @@ def cpu_preset(algorithm: str, kind: ObservationKind, steps: int, batch: int, **
 
 
 def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
-    """The inverse of :func:`ocplanner.planner.config.to_dict` for :class:`PolicyTraining`.
+    """The inverse of :func:`ocplanner.settings.to_dict` for :class:`PolicyTraining`.
 
     Files of format 1 keep the algorithm's own settings under ``bcq``, null for other algorithms.
 
@@ -248,22 +248,7 @@ def training_from_dict(values: Mapping[str, Any]) -> PolicyTraining:
         UnknownNameError: there is no such algorithm.
     """
     values = dict(values)
-    own = values.pop("algorithm_settings", None) or values.pop("bcq", None) or {}
-    values.pop("bcq", None)
-    observation, network = dict(values.pop("observation", {})), dict(values.pop("network", {}))
-    hint = network.pop("hint", None)
-    parts = {
-        "algorithm_settings": build(find_algorithm(values.get("algorithm", "bc")).settings, own),
-        "observation": build(
-            ObservationConfig, observation | {"encoder": build(EncoderConfig, observation.pop("encoder", {}))}
-        ),
-        "network": build(
-            NetworkConfig,
-            network
-            | {
-                "gmm": build(GmmConfig, network.pop("gmm", {})),
-                "hint": None if hint is None else build(HintConfig, hint),
-            },
-        ),
-    }
-    return build(PolicyTraining, values | parts)
+    before = values.pop("bcq", None)
+    own = values.pop("algorithm_settings", before) or {}
+    settings = find_algorithm(values.get("algorithm", "bc")).settings
+    return build(PolicyTraining, values | {"algorithm_settings": build(settings, own)})

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Mapping
 from typing import Protocol
 
 import numpy as np
-from torch import Tensor, nn
+from torch import Tensor
 
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
+from ocplanner.policies.network import PolicyNetwork
 
 EVALUATION_BATCH = 256
 """Samples at a time where nothing is learned."""
@@ -18,7 +19,7 @@ class Learner(Protocol):
     """An algorithm in training: a network, its losses and its optimisers; one in each process."""
 
     @property
-    def network(self) -> nn.Module:
+    def network(self) -> PolicyNetwork:
         """What a policy file holds."""
         ...
 

@@ -23,7 +23,6 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
-from ocplanner.planner.config import to_dict
 from ocplanner.planner.progress import Progress
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.algorithms import find_algorithm
@@ -38,7 +37,7 @@ from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
-from ocplanner.settings import require
+from ocplanner.settings import require, to_dict
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder
 from ocplanner.training.run_folder import RunFolder

@@ -41,7 +41,8 @@ def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = 
     if hint:
         origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
         spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}{_use(hint)}"
-    sampler = str((training.get("bcq") or {}).get("sampler"))
+    own = training.get("algorithm_settings") or training.get("bcq") or {}
+    sampler = str(own.get("sampler"))
     algorithm = str(training.get("algorithm", "unknown")).upper() + {"gmm": "-GMM", "policy": "-BC"}.get(sampler, "")
     return PolicyKind(algorithm, "image" if cameras else "state", spoken)
 
@@ -161,7 +162,7 @@ def _identity(record: PolicyRecord) -> dict[str, Any]:
     facts = {"task": result.task, "robot": result.robot, "planner": result.planner_sha256, "episodes": result.episodes}
     flat = _flat({**facts, **training, "labels": labels, "rewards": rewards})
     # Critics of another seed stand above another policy.
-    return {key: value for key, value in flat.items() if key != "bcq sampler_sha256"}
+    return {key: value for key, value in flat.items() if not key.endswith("sampler_sha256")}
 
 
 def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:

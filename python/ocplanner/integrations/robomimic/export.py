@@ -12,13 +12,13 @@ from robomimic.utils.file_utils import load_dict_from_checkpoint
 from torch import Tensor
 
 from ocplanner.errors import MismatchError, ModelFileError
-from ocplanner.planner.config import to_dict
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HINT_KEY, ObservationConfig
 from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.robomimic_config import parse_robomimic_config
 from ocplanner.policies.train import read
+from ocplanner.settings import to_dict
 from ocplanner.versions import installed
 
 _TRUNK = {"0": "conv1", "1": "bn1", **{str(4 + layer): f"layers.{layer}" for layer in range(4)}}
