@@ -41,11 +41,11 @@ def test_the_copy_has_everything_and_the_pictures(tiny_square, rendered):
         assert {name: copy.mask(name) for name in copy.mask_names} == {
             name: source.mask(name) for name in source.mask_names
         }
-        settings = copy.render_settings or {}
-        assert settings["observe"] == "masked"
-        assert settings["visual"] == "fast"
-        assert settings["mask_rgb"] == [255, 0, 255]
-        assert settings["versions"]["robosuite"] == "1.5.2"
+        record = copy.render_record
+        assert record is not None
+        assert (record.observe, record.visual, record.frames, record.size) == ("masked", "fast", "manipulation", 24)
+        assert record.mask_rgb == (255, 0, 255)
+        assert record.versions["robosuite"] == "1.5.2"
         for before, after in zip(source, copy):
             for key, array in before.arrays().items():
                 np.testing.assert_array_equal(after.arrays()[key], array)

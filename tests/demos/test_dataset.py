@@ -13,6 +13,7 @@ import pytest
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, UnknownNameError
+from ocplanner.files.records.render import RenderRecord
 
 VERSIONS = ("1.2.0", "1.4.1", "1.5.1")
 
@@ -30,7 +31,7 @@ def test_reads_every_version_alike(tiny_square, version):
         assert (demos.task_name, demos.env_name, demos.robots) == ("Square", "NutAssemblySquare", ("Panda",))
         assert demos.env_version == version
         assert demos.mask("train") == ["demo_0", "demo_1", "demo_10"]
-        assert (demos.cameras, demos.render_settings) == ((), None)
+        assert (demos.cameras, demos.render_record, demos.observe) == ((), None, "full")
         for demo in demos:
             positions, rotations = demo.object_poses("SquareNut")
             expected, turned = reference[demo.name].object_poses("SquareNut")
@@ -226,14 +227,17 @@ def test_faults_name_file_key_and_remedy(copy, fault):
     assert "; " in str(caught.value)
 
 
-def test_render_settings(copy):
+def test_the_record_of_rendering(copy):
     with h5py.File(copy, "r+") as file:
-        file["data"].attrs["ocplanner_render"] = json.dumps({"size": 84})
-    assert Demonstrations(copy).render_settings == {"size": 84}
-    with h5py.File(copy, "r+") as file:
-        file["data"].attrs["ocplanner_render"] = "{"
-    with pytest.raises(DatasetError, match="ocplanner_render of data: no JSON"):
-        _ = Demonstrations(copy).render_settings
+        file["data"].attrs["ocplanner_render"] = json.dumps({"observe": "masked", "size": 84})
+    with Demonstrations(copy) as demos:
+        assert (demos.render_record, demos.observe) == (RenderRecord("masked", size=84), "masked")
+    for damaged in ("{", "[]", '{"size": "84"}', '{"observe": "x-ray"}'):
+        with h5py.File(copy, "r+") as file:
+            file["data"].attrs["ocplanner_render"] = damaged
+        match = r"ocplanner_render of data: cannot be read.*; render the data set again"
+        with Demonstrations(copy) as demos, pytest.raises(DatasetError, match=match):
+            _ = demos.render_record
 
 
 def test_square_ph(square_ph):

@@ -15,6 +15,7 @@ import pytest
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, OutputError
+from ocplanner.files.records.render import RenderRecord
 
 ENV_ARGS = {"env_name": "Lift", "env_version": "1.5.2", "type": 1, "env_kwargs": {"robots": ["Panda"]}}
 
@@ -41,7 +42,7 @@ def test_round_trip(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
     demos = Demonstrations(path)
     assert demos.names == ("demo_0", "demo_2", "demo_10")
-    assert (demos.env_args, demos.render_settings, demos.attrs["total"]) == (ENV_ARGS, {"size": 8}, 5 + 7 + 15)
+    assert (demos.env_args, demos.render_record, demos.attrs["total"]) == (ENV_ARGS, RenderRecord(size=8), 5 + 7 + 15)
     assert (demos.mask("train"), demos.mask("valid")) == (["demo_0", "demo_10"], ["demo_2"])
     for demo in demos:
         assert (demo.attrs["seed"], demo.attrs["num_samples"]) == (int(demo.name[5:]), demo.length)
@@ -213,6 +214,7 @@ import resource, sys
 import numpy as np
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import OutputError
+from ocplanner.files.records.render import RenderRecord
 rng = np.random.default_rng(0)
 with DatasetWriter(sys.argv[1], {"env_name": "Lift"}) as writer:
     writer.add("demo_0", {"actions": rng.normal(size=(4_000, 7))})

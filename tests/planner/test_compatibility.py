@@ -4,8 +4,9 @@ import shutil
 import h5py
 import pytest
 
-from ocplanner.demos.dataset import RENDER_ATTRIBUTE, Demonstrations
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.planner.compatibility import check_fit
 from ocplanner.planner.planner import Planner
 from random_planner import write_random_planner

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from ocplanner.demos.dataset import RENDER_ATTRIBUTE, Demonstrations
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError
+from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.policies.data import load_samples
 from ocplanner.policies.transitions import load_transitions
 

@@ -18,6 +18,7 @@ from ocplanner.errors import DatasetError, ModelFileError, OcplannerError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.policies.config import POLICY_FILE
+from ocplanner.settings import to_dict
 
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
@@ -116,7 +117,7 @@ def describe_dataset(path: Path) -> Facts:
             "largest action": largest,
             "arrays": {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()},
             "cameras": list(demos.cameras),
-            "rendered": demos.render_settings,
+            "rendered": None if demos.render_record is None else to_dict(demos.render_record),
             "labelled": demos.label_settings,
         }
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,8 @@ from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import MASK_RGB, visual_preset
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError, UnknownNameError
+from ocplanner.files.records.render import RenderRecord
+from ocplanner.settings import build
 from ocplanner.versions import installed
 
 FRAMES = ("all", "manipulation")
@@ -63,11 +64,9 @@ class RenderSettings:
             if not 1 <= value <= most:
                 raise InvalidValueError(f"{name} must be from 1 to {most}, not {value}")
 
-    def record(self) -> dict[str, Any]:
-        """What is stored with the data set, JSON-ready."""
-        values = asdict(self)
-        values["cameras"], values["silhouettes"] = list(self.cameras), list(self.silhouettes)
-        return {**values, "mask_rgb": list(MASK_RGB), "versions": installed()}
+    def record(self) -> RenderRecord:
+        """What is stored with the data set."""
+        return build(RenderRecord, {**asdict(self), "mask_rgb": MASK_RGB, "versions": installed()})
 
 
 class FrameRenderer:

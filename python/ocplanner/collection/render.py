@@ -4,7 +4,6 @@ With ``observe="masked"`` the copy also holds what augmentation needs: the scene
 masks that other arms would have with their end effector where the recorded one is.
 """
 
-import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ocplanner.collection.frames import FrameRenderer, RenderSettings
-from ocplanner.demos.dataset import RENDER_ATTRIBUTE, Demonstrations
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.tasks import task_of_env
 from ocplanner.errors import DatasetError, InvalidValueError
+from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
 
@@ -67,7 +67,7 @@ def render_dataset(
             )
         names = demos.names[:limit]
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
-        attrs[RENDER_ATTRIBUTE] = json.dumps(settings.record(), sort_keys=True)
+        attrs[RENDER_ATTRIBUTE] = settings.record().to_json()
         with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
             done = set(writer.done)
             for name in names:

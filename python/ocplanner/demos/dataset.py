@@ -9,9 +9,9 @@ from ocplanner.demos.demonstration import Demonstration, Recording
 from ocplanner.demos.layouts import Order
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.files.hdf5 import HDF5File
+from ocplanner.files.records.render import RENDER_ATTRIBUTE, RenderRecord
 from ocplanner.files.storage import natural_key
 
-RENDER_ATTRIBUTE = "ocplanner_render"
 LABEL_ATTRIBUTE = "ocplanner_label"
 
 
@@ -134,10 +134,22 @@ class Demonstrations(Sequence[Demonstration]):
         return self._file.attributes("data")
 
     @property
-    def render_settings(self) -> dict[str, Any] | None:
-        """How ``ocplanner render`` made the images; None when it did not."""
+    def render_record(self) -> RenderRecord | None:
+        """How ``ocplanner render`` drew the images; None if something else did, or there are none."""
         text = self.attrs.get(RENDER_ATTRIBUTE)
-        return None if text is None else self._json(RENDER_ATTRIBUTE, text)
+        if text is None:
+            return None
+        try:
+            return RenderRecord.from_json(text)
+        except (TypeError, ValueError) as error:
+            fault = f"cannot be read ({error})"
+            raise self._file.error(f"{RENDER_ATTRIBUTE} of data", fault, "render the data set again") from error
+
+    @property
+    def observe(self) -> str:
+        """What the images show of the robot: ``"full"`` unless ``ocplanner render`` drew something else."""
+        record = self.render_record
+        return "full" if record is None else record.observe
 
     @property
     def label_settings(self) -> dict[str, Any] | None:

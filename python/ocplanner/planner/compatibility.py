@@ -5,6 +5,7 @@ from typing import Any
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.files.records.render import RenderRecord
 from ocplanner.planner.planner import Planner
 
 
@@ -15,7 +16,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
         DatasetError: images of a camera are missing.
         MismatchError: the planner was made for something else.
     """
-    config, render = planner.config, demos.render_settings or {}
+    config, render = planner.config, demos.render_record or RenderRecord()
     task = recorded_task(demos.env_name)
     if task is None or task.name != config["task"] or config["object"] not in task.parts:
         raise MismatchError(
@@ -29,15 +30,16 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
             f"{demos.path}: no images of camera {', '.join(missing)}, which the planner wants (there are: "
             f"{', '.join(demos.cameras) or 'none'}); add them with {remedy}"
         )
-    for name, found in (("observe", render.get("observe", "full")), ("visual", render.get("visual"))):
+    for name, found in (("observe", render.observe), ("visual", render.visual)):
         if config[name] not in (None, found):
             raise MismatchError(
                 f"{demos.path} was drawn with {name}={found or 'unknown'}, but {planner.path} was trained on "
                 f"{config[name]}; draw it again with {remedy} (labelling takes a second file as --pictures)"
             )
-    if config["observe"] == "masked" and render.get("mask_rgb") != config["mask_rgb"]:
+    colour = None if render.mask_rgb is None else list(render.mask_rgb)
+    if config["observe"] == "masked" and colour != config["mask_rgb"]:
         raise MismatchError(
-            f"{demos.path}: masks have the colour {render.get('mask_rgb')}, but {planner.path} was trained on "
+            f"{demos.path}: masks have the colour {colour}, but {planner.path} was trained on "
             f"{config['mask_rgb']}; draw it again with {remedy}"
         )
     for camera in config["cameras"]:

@@ -3,7 +3,7 @@
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ocplanner.demos.layouts import TASK_OBJECTS
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.envs.tasks import tasks
 from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
+from ocplanner.files.records.render import RenderRecord
 from ocplanner.planner.config import PlannerTraining
 
 VALID_SHARE = 0.1
@@ -141,7 +142,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         MismatchError: it was rendered in another observe mode or size.
         UnknownNameError: the task has no object of the configuration's name.
     """
-    render: dict[str, Any] = demos.render_settings or {}
+    render = demos.render_record or RenderRecord()
     observe = config.observe
     remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"
     task = recorded_task(demos.env_name)
@@ -158,11 +159,10 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
             f"{demos.path}: no images of camera {', '.join(missing)} (there are: {', '.join(demos.cameras)}); "
             f"add them with {remedy}, or choose with --cameras"
         )
-    rendered = render.get("observe", "full")
-    if rendered != observe:
+    if render.observe != observe:
         raise MismatchError(
-            f"{demos.path} shows observe={rendered}, the training wants observe={observe}; "
-            f"render again with {remedy}, or train with --observe {rendered}"
+            f"{demos.path} shows observe={render.observe}, the training wants observe={observe}; "
+            f"render again with {remedy}, or train with --observe {render.observe}"
         )
     size = demos[0].images(config.cameras[0], slice(0, 1)).shape[1:3]
     wanted = config.network.image_size
@@ -170,16 +170,15 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         raise MismatchError(
             f"{demos.path}: images are {size[1]}x{size[0]}, the planner wants {wanted}x{wanted}; use {remedy}"
         )
-    if observe == "masked" and not render.get("mask_rgb"):
+    if observe == "masked" and render.mask_rgb is None:
         raise DatasetError(f"{demos.path}: the data set does not say its mask colour; render again with {remedy}")
-    colour = render.get("mask_rgb")
     return DataSettings(
         task=task.name,
         object_name=config.object or task.parts[0],
         source_robot="+".join(demos.robots),
-        visual=render.get("visual"),
-        mask_rgb=None if colour is None or observe != "masked" else (int(colour[0]), int(colour[1]), int(colour[2])),
-        silhouettes=tuple(render.get("silhouettes") or ()),
+        visual=render.visual,
+        mask_rgb=render.mask_rgb if observe == "masked" else None,
+        silhouettes=render.silhouettes,
     )
 
 

@@ -161,8 +161,8 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
 
 
 def _require_every_picture(demos: Demonstrations, cameras: Sequence[str]) -> None:
-    rendered = demos.render_settings or {}
-    if rendered.get("frames") == "manipulation" and set(cameras) & set(rendered.get("cameras", ())):
+    rendered = demos.render_record
+    if rendered is not None and rendered.frames == "manipulation" and set(cameras) & set(rendered.cameras):
         raise DatasetError(
             f"{demos.path} was rendered with --frames manipulation: its pictures are black before the grasp and after "
             "the release, where a policy acts too; render the data set again with `ocplanner render --frames all`"

@@ -121,9 +121,7 @@ def check_fits(policy: Policy, demos: Demonstrations) -> HintConfig:
             f"{demos.path} has {found or 'no hints on record'}, but {policy.path} learned from "
             f"{wanted or 'hints that `ocplanner label` did not make'}; give the data set that it was trained on"
         )
-    shown, seen = (
-        (settings or {}).get("observe", "full") for settings in (demos.render_settings, policy.config["render"])
-    )
+    shown, seen = demos.observe, (policy.config["render"] or {}).get("observe", "full")
     if policy.training.observation.cameras and shown != seen:
         raise MismatchError(f"{demos.path} shows observe={shown}, but {policy.path} was trained on {seen}")
     return hint

@@ -166,7 +166,7 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             "robots": list(demos.robots),
             "object_layout": demos[names[0]].object_layout(),
             **_actions(demos),
-            "render": demos.render_settings,
+            "render": None if demos.render_record is None else to_dict(demos.render_record),
             "labels": demos.label_settings if config.reads_hints else None,
             "rewards": demos.label_settings if find_algorithm(config.algorithm).rewards else None,
             "low_dim": train.low_dim.shape[1],

@@ -143,9 +143,10 @@ def _check(config: Mapping[str, Any], demos: Demonstrations) -> None:
             f"{demos.path} has no images of camera {', '.join(missing)}, which the planner sees through "
             f"(it has: {', '.join(demos.cameras) or 'none'}); add them with `ocplanner render`"
         )
-    shown = (demos.render_settings or {}).get("observe", "full")
-    if shown != config["observe"]:
-        raise MismatchError(f"{demos.path} shows observe={shown}, the planner was trained on {config['observe']}")
+    if demos.observe != config["observe"]:
+        raise MismatchError(
+            f"{demos.path} shows observe={demos.observe}, the planner was trained on {config['observe']}"
+        )
     if demos.task_name != config["task"]:
         raise MismatchError(f"{demos.path} is of task {demos.task_name}, the planner of {config['task']}")
     if not demos.robots:
