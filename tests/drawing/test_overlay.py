@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ocplanner.drawing.overlay import Caption, caption_height, draw_caption, draw_paths, enlarge
+from ocplanner.drawing.style import BAD, GOOD
 from ocplanner.errors import ShapeError
 
 GREY = np.full((320, 320, 3), 128, dtype=np.uint8)
@@ -41,12 +42,12 @@ def test_images_of_another_kind_are_refused(image):
         draw_paths(image, None, None)
 
 
-def test_the_caption_adds_a_bar_and_shows_the_outcome_in_colour():
-    running = draw_caption(GREY, Caption("Sawyer", 10003, 57, "follow"))
+def test_the_caption_adds_a_bar_and_shows_the_verdict_in_colour():
+    running = draw_caption(GREY, Caption("Sawyer", "seed 10003", "follow · step 57"))
     assert running.shape == (320 + caption_height(320), 320, 3)
     np.testing.assert_array_equal(running[:320], GREY)
-    success = draw_caption(GREY, Caption("Sawyer", 10003, 57, outcome="success"))[320:].astype(int)
-    failed = draw_caption(GREY, Caption("Sawyer", 10003, 57, outcome="not aligned"))[320:].astype(int)
+    success = draw_caption(GREY, Caption("Sawyer", "seed 10003", "step 57", "success", GOOD))[320:].astype(int)
+    failed = draw_caption(GREY, Caption("Sawyer", "seed 10003", "step 57", "not aligned", BAD))[320:].astype(int)
     assert ((success[..., 1] - success[..., 0]) > 80).any()
     assert ((failed[..., 0] - failed[..., 2]) > 80).any()
 

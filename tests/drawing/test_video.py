@@ -13,7 +13,7 @@ def test_an_episode_decodes_to_what_was_drawn(tmp_path, frames):
     count = len(frames)
     planned = [None] * 4 + [np.array([[80.0, 50.0]])] * (count - 4)
     achieved = np.stack([4.0 * np.arange(count) + 4, np.full(count, 10.0)], axis=1)
-    captions = [Caption("Sawyer", 10000, i, "follow", "success" if i == count - 1 else None) for i in range(count)]
+    captions = [Caption("Sawyer", "seed 10000", f"follow · step {i}") for i in range(count)]
     path = write_episode_video(tmp_path / "a" / "b.mp4", frames, planned, achieved, fps=20, captions=captions)
     video = read_video(path)
     assert video.shape == (count + 20, 320 + caption_height(480), 480, 3)

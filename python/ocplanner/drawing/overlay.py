@@ -1,6 +1,6 @@
-"""Draw a plan, an achieved path and a caption bar into a frame of a video, with Pillow.
+"""Draw paths and a caption bar into a frame of a video, with Pillow.
 
-Pixels are (x, y) from the upper left corner of the image, as :meth:`ocplanner.envs.ManipulationEnv.project` gives them.
+Pixels are (x, y), counted from the upper left corner of the image.
 """
 
 from dataclasses import dataclass
@@ -11,38 +11,36 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ocplanner.drawing.style import ACHIEVED, PLANNED
+from ocplanner.drawing.style import ACHIEVED, GOOD, PLANNED
 from ocplanner.errors import ShapeError
 
 _SMOOTHING = 3
 _BAR = (16, 21, 28)
 _TEXT = (230, 237, 243)
 _DIM = (152, 164, 179)
-_OUTCOMES = {"success": (63, 207, 142)}
-_FAILED = (255, 150, 90)
 
 
 @dataclass(frozen=True)
 class Caption:
-    """What the bar under a frame says.
+    """The bar under a frame.
 
     Attributes:
-        robot: the arm that acts.
-        seed: of the episode.
-        step: control step.
-        phase: what the robot is doing, such as "grasp" or "follow".
-        outcome: "success" or the failure class, once it is known.
+        title: on the left, bold.
+        note: beside the title, dim.
+        text: on the right.
+        verdict: at the right end, bold.
+        color: of the verdict, such as :data:`ocplanner.drawing.style.GOOD`.
     """
 
-    robot: str
-    seed: int
-    step: int
-    phase: str = ""
-    outcome: str | None = None
+    title: str
+    note: str = ""
+    text: str = ""
+    verdict: str = ""
+    color: str = GOOD
 
 
 def draw_paths(image: np.ndarray, planned: np.ndarray | None, achieved: np.ndarray | None) -> np.ndarray:
-    """A copy of ``image`` with the plan as red dots and the achieved path as a cyan line that ends in a ring.
+    """A copy of ``image`` with the planned path as red dots and the achieved one as a cyan line that ends in a ring.
 
     Args:
         image: (h, w, 3) uint8.
@@ -73,24 +71,20 @@ def draw_paths(image: np.ndarray, planned: np.ndarray | None, achieved: np.ndarr
 
 
 def draw_caption(image: np.ndarray, caption: Caption) -> np.ndarray:
-    """``image`` (h, w, 3) with a bar below it: robot and seed on the left, phase, step and outcome on the right."""
+    """``image`` (h, w, 3) uint8 with the caption's bar below it."""
     width = _checked(image).shape[1]
     size = max(10, round(width / 27))
     bar = Image.new("RGB", (width, caption_height(width)), _BAR)
     draw = ImageDraw.Draw(bar)
     margin, middle = round(size * 0.7), bar.height // 2
-    draw.text((margin, middle), caption.robot, font=_font(size, bold=True), fill=_TEXT, anchor="lm")
-    used = margin + draw.textlength(caption.robot, font=_font(size, bold=True))
-    draw.text((used + size * 0.6, middle), f"seed {caption.seed}", font=_font(size), fill=_DIM, anchor="lm")
+    draw.text((margin, middle), caption.title, font=_font(size, bold=True), fill=_TEXT, anchor="lm")
+    used = margin + draw.textlength(caption.title, font=_font(size, bold=True))
+    draw.text((used + size * 0.6, middle), caption.note, font=_font(size), fill=_DIM, anchor="lm")
     right = width - margin
-    if caption.outcome:
-        color = _OUTCOMES.get(caption.outcome, _FAILED)
-        draw.text((right, middle), caption.outcome, font=_font(size, bold=True), fill=color, anchor="rm")
-        right -= round(draw.textlength(caption.outcome, font=_font(size, bold=True)) + size * 0.6)
-    progress = " · ".join(
-        part for part in (caption.phase if not caption.outcome else "", f"step {caption.step}") if part
-    )
-    draw.text((right, middle), progress, font=_font(size), fill=_TEXT, anchor="rm")
+    if caption.verdict:
+        draw.text((right, middle), caption.verdict, font=_font(size, bold=True), fill=caption.color, anchor="rm")
+        right -= round(draw.textlength(caption.verdict, font=_font(size, bold=True)) + size * 0.6)
+    draw.text((right, middle), caption.text, font=_font(size), fill=_TEXT, anchor="rm")
     return np.concatenate([image, np.asarray(bar)])
 
 

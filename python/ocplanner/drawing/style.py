@@ -1,7 +1,7 @@
 """One look for every figure: colours, fonts, and how a figure becomes a file or part of a page.
 
-Colours come from the Okabe-Ito palette, which stays distinguishable with any colour vision. Over camera images the plan
-is red dots and what was achieved is a cyan line, so that shape tells them apart as well as hue.
+Colours come from the Okabe-Ito palette, which people with any colour vision can tell apart. Over camera images, planned
+paths are red dots and achieved paths cyan lines, so that their shapes differ as well as their hues.
 """
 
 import io
@@ -18,6 +18,8 @@ from ocplanner.files.storage import atomic_write
 
 PLANNED = "#ff2b2b"
 ACHIEVED = "#00e5ff"
+GOOD = "#3fcf8e"
+BAD = "#ff965a"
 INK = "#1f2328"
 MUTED = "#667080"
 GRID = "#d5dae1"

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ocplanner.drawing.overlay import Caption
+from ocplanner.drawing.style import BAD, GOOD
 from ocplanner.drawing.video import write_episode_video
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.zero_shot.episode import Episode
@@ -42,12 +43,10 @@ class Recorder:
             if step in plans:
                 current = project(_CAMERA, plans[step], _SIDE, _SIDE)
             planned.append(None if phase in ("grasp", "release", "recover", "go") else current)
-        outcome = "success" if episode.success else episode.failure
-        last = len(trace.phases) - 1
-        captions = [
-            Caption(self._env.robot.name, episode.seed, step, phase, outcome if step == last else None)
-            for step, phase in enumerate(trace.phases)
-        ]
+        robot, seed, last = self._env.robot.name, f"seed {episode.seed}", len(trace.phases) - 1
+        captions = [Caption(robot, seed, f"{phase} · step {step}") for step, phase in enumerate(trace.phases[:-1])]
+        outcome = "success" if episode.success else str(episode.failure)
+        captions.append(Caption(robot, seed, f"step {last}", outcome, GOOD if episode.success else BAD))
         achieved_world = [positions[name] for positions, name in zip(self._positions, trace.in_play)]
         achieved = project(_CAMERA, np.array(achieved_world), _SIDE, _SIDE)
         return write_episode_video(path, self.frames, planned, achieved, captions=captions)
