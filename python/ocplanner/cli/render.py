@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from ocplanner.envs.observation import Observe
+from ocplanner.envs.visuals import Observe
 from ocplanner.progress import demonstrations_bar
 
 

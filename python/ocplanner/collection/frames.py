@@ -9,10 +9,9 @@ from ocplanner.collection.silhouettes import Hand, SilhouetteArm
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.segments import Segment
 from ocplanner.envs import make_env
-from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_of_name
-from ocplanner.envs.visuals import MASK_RGB, visual_preset
+from ocplanner.envs.visuals import MASK_RGB, OBSERVE_MODES, visual_preset
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError, UnknownNameError
 from ocplanner.files.records.render import RenderRecord
 from ocplanner.settings import build

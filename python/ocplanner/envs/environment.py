@@ -5,18 +5,17 @@ from typing import Any
 import numpy as np
 
 from ocplanner.envs.arms import RobotArm
+from ocplanner.envs.cameras import Cameras
 from ocplanner.envs.kinematics import reach
 from ocplanner.envs.native_control import attach
-from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.patches import check_patches
-from ocplanner.envs.pictures import Cameras
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.scene import build_robosuite_env
 from ocplanner.envs.simulator import mujoco
 from ocplanner.envs.tasks import Task
 from ocplanner.envs.tasks import task as task_of_name
-from ocplanner.envs.visuals import visual_preset
+from ocplanner.envs.visuals import OBSERVE_MODES, visual_preset
 from ocplanner.errors import ShapeError, UnknownNameError
 from ocplanner.geometry.pose import Pose
 

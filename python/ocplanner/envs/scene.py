@@ -3,11 +3,12 @@
 import xml.etree.ElementTree as ET
 from typing import Any
 
+from ocplanner.envs.meshes import simplify_visual_meshes
 from ocplanner.envs.patches import apply_patches
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.envs.simulator import robosuite
 from ocplanner.envs.tasks import Task
-from ocplanner.envs.visuals import VisualPreset, prepare_visuals
+from ocplanner.envs.visuals import MASK_MATERIAL, MASK_RGB, VisualPreset
 
 REGISTERED_ENVS = robosuite.environments.base.REGISTERED_ENVS
 _ENDLESS = 2**31
@@ -19,7 +20,7 @@ def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patc
     def edit(xml: str) -> str:
         root = ET.fromstring(xml)  # noqa: S314 - robosuite made it
         apply_patches(root, patches)
-        prepare_visuals(root, preset)
+        _prepare_visuals(root, preset)
         return ET.tostring(root, encoding="unicode")
 
     environment = _with_model_edit(REGISTERED_ENVS[task.env_name], edit)
@@ -35,6 +36,26 @@ def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patc
         hard_reset=False,
         seed=seed,
     )
+
+
+def _prepare_visuals(root: ET.Element, preset: VisualPreset) -> None:
+    """Add the flat material of the robot mask to a model's XML and simplify its meshes; physics is untouched."""
+    asset = root.find("asset")
+    if asset is None:
+        asset = ET.SubElement(root, "asset")
+    rgba = " ".join(str(channel / 255) for channel in MASK_RGB)
+    ET.SubElement(
+        asset,
+        "material",
+        name=MASK_MATERIAL,
+        rgba=f"{rgba} 1",
+        emission="1",
+        specular="0",
+        shininess="0",
+        reflectance="0",
+    )
+    if preset.simplify:
+        simplify_visual_meshes(root)
 
 
 def _with_model_edit(base: Any, edit: Any) -> Any:

@@ -1,19 +1,26 @@
-"""Visual presets: what a picture may cost.
+"""What a picture shows of the robot, and how much of the scene is drawn. Loads no simulator.
 
-``stock`` is robosuite's own picture. ``fast`` leaves out what an 84x84 picture hardly shows (shadows, reflections,
-multisampling, end-effector markers, most of the triangles) and is several times cheaper in software rendering.
-A planner must see the preset that it was trained on, so the preset is recorded wherever pictures or weights are.
+The preset ``stock`` is robosuite's own picture. ``fast`` leaves out what an 84x84 picture hardly shows (shadows,
+reflections, multisampling, end-effector markers, most of the triangles) and is several times cheaper in software
+rendering. A planner must see the preset that it was trained on, so rendered data sets and planner files record it.
 """
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from typing import Literal, get_args
 
-from ocplanner.envs.meshes import simplify_visual_meshes
 from ocplanner.errors import UnknownNameError
+
+Observe = Literal["full", "masked", "no-robot"]
+"""``full``: everything. ``masked``: the robot in one colour wherever it is seen. ``no-robot``: the robot left out."""
+
+OBSERVE_MODES: tuple[str, ...] = get_args(Observe)
+
+Visual = Literal["fast", "stock"]
+"""Names of the visual presets."""
 
 MASK_MATERIAL = "ocplanner_robot_mask"
 MASK_RGB = (255, 0, 255)
-"""Colour of masked pixels. Each channel is 0 or 255: light added to an emissive surface then cannot change it."""
+"""Colour of masked pixels. Each channel is 0 or 255, so that light added to the emissive surface cannot change it."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +28,7 @@ class VisualPreset:
     """How much is drawn.
 
     Attributes:
-        name: ``"fast"`` or ``"stock"``.
+        name: by which it is chosen.
         simplify: replace visual meshes by ones of few triangles.
         shadows: draw shadows.
         reflections: draw mirror images in reflective surfaces.
@@ -29,7 +36,7 @@ class VisualPreset:
         markers: draw MuJoCo's sites, as robosuite does.
     """
 
-    name: str
+    name: Visual
     simplify: bool
     shadows: bool
     reflections: bool
@@ -38,11 +45,11 @@ class VisualPreset:
 
     @property
     def local(self) -> bool:
-        """Whether a pixel depends on the surface it shows alone, so that a flat robot leaves all others unchanged."""
+        """Whether each pixel depends only on the surface it shows, so that a flat robot leaves all others unchanged."""
         return not (self.shadows or self.reflections or self.multisamples)
 
 
-PRESETS = {
+PRESETS: dict[str, VisualPreset] = {
     preset.name: preset
     for preset in (
         VisualPreset("fast", simplify=True, shadows=False, reflections=False, multisamples=0, markers=False),
@@ -60,23 +67,3 @@ def visual_preset(name: str) -> VisualPreset:
     if name not in PRESETS:
         raise UnknownNameError("visual preset", name, PRESETS)
     return PRESETS[name]
-
-
-def prepare_visuals(root: ET.Element, preset: VisualPreset) -> None:
-    """Add the flat material of the robot mask to a model's XML and simplify its meshes; physics is untouched."""
-    asset = root.find("asset")
-    if asset is None:
-        asset = ET.SubElement(root, "asset")
-    rgba = " ".join(str(channel / 255) for channel in MASK_RGB)
-    ET.SubElement(
-        asset,
-        "material",
-        name=MASK_MATERIAL,
-        rgba=f"{rgba} 1",
-        emission="1",
-        specular="0",
-        shininess="0",
-        reflectance="0",
-    )
-    if preset.simplify:
-        simplify_visual_meshes(root)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.drawing.style import new_figure, styled
 from ocplanner.envs import make_env
-from ocplanner.envs.observation import OBSERVE_MODES
+from ocplanner.envs.visuals import OBSERVE_MODES
 from ocplanner.errors import InvalidValueError
 from ocplanner.report.overlays import film_strip, show_image
 

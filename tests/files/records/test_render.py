@@ -3,7 +3,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from ocplanner.envs.observation import Observe
+from ocplanner.envs.visuals import Observe
 from ocplanner.files.records.render import RenderRecord
 
 WRITTEN = {

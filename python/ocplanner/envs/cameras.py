@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ocplanner.envs.observation import OBSERVE_MODES
 from ocplanner.envs.rendering import Renderer
 from ocplanner.envs.simulator import mujoco
-from ocplanner.envs.visuals import MASK_RGB, VisualPreset
+from ocplanner.envs.visuals import MASK_RGB, OBSERVE_MODES, VisualPreset
 from ocplanner.errors import UnknownNameError
 
 _VISUAL_GROUP = 1
