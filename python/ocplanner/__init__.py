@@ -24,7 +24,7 @@ if importlib.util.find_spec("gymnasium") is not None:
 _LAZY = {
     "Demonstration": "ocplanner.demos.demonstration",
     "Demonstrations": "ocplanner.demos.dataset",
-    "LabelSettings": "ocplanner.guidance.labels",
+    "LabelSettings": "ocplanner.guidance.settings",
     "Plan": "ocplanner.planner.planner",
     "PlanReward": "ocplanner.guidance.live_reward",
     "Planner": "ocplanner.planner.planner",

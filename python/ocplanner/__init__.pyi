@@ -5,9 +5,9 @@ from ocplanner.demos.demonstration import Demonstration as Demonstration
 from ocplanner.envs import make_env as make_env
 from ocplanner.geometry.pose import Pose as Pose
 from ocplanner.guidance.dataset import label_dataset as label_dataset
-from ocplanner.guidance.labels import LabelSettings as LabelSettings
 from ocplanner.guidance.live_reward import PlanReward as PlanReward
 from ocplanner.guidance.rewards import plan_reward as plan_reward
+from ocplanner.guidance.settings import LabelSettings as LabelSettings
 from ocplanner.guidance.settings import RewardConfig as RewardConfig
 from ocplanner.planner.planner import Plan as Plan
 from ocplanner.planner.planner import Planner as Planner

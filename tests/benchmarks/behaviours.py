@@ -53,7 +53,7 @@ class Recorder:
     """Plans along a live episode and keeps what the planner wanted and what happened."""
 
     def __init__(self, env: ManipulationEnv, planner: Planner) -> None:
-        self.env, self._plans, self._rows = env, LivePlan(env, planner), list[_Row]()
+        self.env, self._plans, self._rows = env, LivePlan(env, planner, steps=1), list[_Row]()
         self._hold = GraspDetector()
         self._plan: Plan | None = None
 
@@ -69,7 +69,7 @@ class Recorder:
 
     def _planned(self, last_gripper: float) -> Plan | None:
         held = self._hold.update(self.env.object_pose(), self.env.eef_pose().position, last_gripper)
-        return self._plans.plan({}, steps=1) if held else None
+        return self._plans.plan({}) if held else None
 
     def episode(self) -> Episode:
         """What was recorded since :meth:`begin`."""

@@ -33,7 +33,7 @@ from torch_labels import TorchLabeller
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.files.storage import atomic_json
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.labels import LabelSettings
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.planner.planner import Planner
 from ocplanner.versions import installed
 from random_planner import write_random_planner
@@ -125,8 +125,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         resnet18 = Path(scratch, "resnet18.safetensors")
-        seen = Planner.load(options.planner).config
-        write_random_planner(resnet18, **RESNET18, **{key: seen[key] for key in ("observe", "visual", "mask_rgb")})
+        seen = Planner.load(options.planner).header
+        write_random_planner(resnet18, **RESNET18, observe=seen.observe, visual=seen.visual, mask_rgb=seen.mask_rgb)
         timed = [
             {"case": case, **speed(planner, options.data, options.pictures, options.demos, options.seconds)}
             for case, planner in {

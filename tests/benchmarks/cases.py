@@ -13,7 +13,7 @@ from planner_weights import PlannerWeights
 from timing import Timing, interleaved
 
 from ocplanner import Planner, _core
-from ocplanner.guidance.labelling import label_demonstration
+from ocplanner.guidance import rewards, settings
 from random_planner import random_images, write_random_planner
 
 _TRAINED = Path(__file__).parents[2] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
@@ -97,10 +97,12 @@ class LabelCase:
         rng = np.random.default_rng(0)
         turns = _core.rotation_exp(rng.normal(0, 0.1, (self.frames, 3)))
         achieved = (plan.position[:, 0] + rng.normal(0, 0.02, (self.frames, 3)), turns @ plan.rotation[:, 0])
-        poses = tuple(np.concatenate([each[:1], each]) for each in achieved)
         held = np.ones(self.frames, np.bool_)
-        ours = label_demonstration(planner, images, poses, held)
-        sides: dict[str, Callable[[], object]] = {"ours": lambda: label_demonstration(planner, images, poses, held)}
+
+        def ours() -> rewards.Rewards:
+            return _rewards(planner, images, achieved, held)
+
+        sides: dict[str, Callable[[], object]] = {"ours": ours}
         present, absent = _peers(weights.planning(self.peers_plan), self.frames, self.threads, skip)
         for name, peer in present.items():
 
@@ -108,7 +110,7 @@ class LabelCase:
                 position, rotation = peer.plan(images)
                 return plan_reward((position[:, 0], rotation[:, 0]), achieved, held)
 
-            for what, mine, other in zip(Rewards._fields, ours, label()):
+            for what, mine, other in zip(Rewards._fields, ours(), label()):
                 if not np.allclose(other, mine, rtol=1e-3, atol=1e-6):
                     raise DisagreementError(f"{name}: {what} is up to {np.abs(other - mine).max():.1e} from ours")
             sides[name] = label
@@ -137,6 +139,18 @@ class DeltaPoseCase:
             "numpy": lambda: delta_pose_action(*poses),
         }
         return Measured(interleaved(sides, seconds, repeat=200))
+
+
+def _rewards(
+    planner: Planner, images: Images, achieved: tuple[np.ndarray, np.ndarray], held: np.ndarray
+) -> rewards.Rewards:
+    """What ``ocplanner label --no-hints --reward`` computes of a demonstration, batch by batch."""
+    batch, plans = settings.LabelSettings().batch, []
+    for start in range(0, len(held), batch):
+        part = {camera: pictures[start : start + batch] for camera, pictures in images.items()}
+        plans.append(planner.plan(part, steps=1))
+    position, rotation = (np.concatenate([plan[part][:, 0] for plan in plans]) for part in (0, 1))
+    return rewards.plan_reward((position, rotation), achieved, held)
 
 
 def _peers(

@@ -8,7 +8,7 @@ import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.files.storage import atomic_json
-from ocplanner.guidance.hints import ORIGINS, action_law, plan_hints
-from ocplanner.guidance.labels import Labeller, LabelSettings
+from ocplanner.guidance.hints import action_law, plan_hints
+from ocplanner.guidance.labels import Labeller
+from ocplanner.guidance.settings import LabelSettings, Origin
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.versions import installed
 
@@ -72,7 +73,7 @@ def held_hints(data: Path, planner: Planner, mask: str, steps: tuple[int, ...]) 
     with Demonstrations(data) as demos, ActionFrame(demos) as frame, ExitStack() as opened:
         labellers = {
             origin: opened.enter_context(Labeller(planner, demos, LabelSettings(horizon_steps=steps, hint_from=origin)))
-            for origin in ORIGINS
+            for origin in get_args(Origin)
         }
         for name in demos.mask(mask):
             demo = demos[name]
@@ -90,11 +91,11 @@ def held_hints(data: Path, planner: Planner, mask: str, steps: tuple[int, ...]) 
 def _towards_recorded(
     demo: Demonstration, rows: np.ndarray, planner: Planner, frame: ActionFrame, steps: tuple[int, ...]
 ) -> np.ndarray:
-    position, rotation = demo.object_poses(str(planner.config["object"]))
+    position, rotation = demo.object_poses(planner.header.object)
     later = np.minimum(rows[:, None] + np.arange(1, max(steps) + 1), demo.length - 1)
     plan = Plan(position[later], rotation[later], np.ones(len(rows)))
     here, bases = (position[rows], rotation[rows]), frame.rotations_world(demo, rows)
-    return plan_hints(plan, here, demo.eef_positions[rows], bases, steps, action_law(*frame.scale), "object")
+    return plan_hints(plan, here, demo.eef_positions[rows], bases, steps, action_law(frame.scale), "object")
 
 
 def _number(value: float) -> float | None:

@@ -16,7 +16,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from behaviours import BEHAVIOURS, Episode, Recorder, play, replay
@@ -28,7 +28,7 @@ from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
 from ocplanner.envs import make_env
 from ocplanner.files.storage import atomic_json
 from ocplanner.guidance.rewards import plan_reward
-from ocplanner.guidance.settings import FORMS, RewardConfig
+from ocplanner.guidance.settings import Form, RewardConfig
 from ocplanner.planner.planner import Planner
 from ocplanner.versions import installed
 
@@ -85,7 +85,7 @@ def orders(episodes: Episodes, weights: dict[str, float]) -> dict[str, Any]:
     """For every form the correlation with progress, and the AUC of all that is good against each bad behaviour."""
     found: dict[str, Any] = {}
     good = [one for name in GOOD for one in episodes[name]]
-    for form in FORMS:
+    for form in get_args(Form):
         config = RewardConfig(form=form, **weights)  # type: ignore[arg-type]
         above, areas = scores(good, config), {}
         for name in episodes:
@@ -144,7 +144,7 @@ def main() -> None:
     atomic_json(options.out, result)
     save_figure(figure(episodes), options.figure)
     for weights in ("default_weights", "even_weights"):
-        for form in FORMS:
+        for form in get_args(Form):
             row = result[weights][form]
             areas = {
                 name: {score: round(value["auc"], 2) for score, value in entry.items()}

@@ -3,14 +3,15 @@ import tyro
 from ocplanner.cli import main
 from ocplanner.cli.label import Label
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.guidance.settings import LabelSettings, RewardConfig
 from random_planner import write_random_planner
 
 
 def test_flags():
     flags = "--planner p --horizon-step 1 5 --reward only --form exp --no-hints --threads 2"
     parsed = tyro.cli(Label, args=["d.hdf5", "o.hdf5", *flags.split()])
-    assert (parsed.horizon_step, parsed.reward, parsed.form, parsed.hints) == ((1, 5), "only", "exp", False)
-    assert (parsed.threads, parsed.a, parsed.b) == (2, 0.003, 0.003)
+    expected = LabelSettings(False, (1, 5), reward="only", reward_config=RewardConfig(form="exp"), threads=2)
+    assert parsed.settings == expected
 
 
 def test_labels_a_data_set(tiny_square, tmp_path, capsys):

@@ -12,6 +12,7 @@ from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs import make_env
 from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.files.records.labels import ActionScale
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def with_controller(tiny_square, tmp_path) -> Callable[..., Demonstrations]:
 
 def test_up_to_1_4_deltas_are_in_the_world_frame(square_ph):
     with Demonstrations(square_ph) as demos, ActionFrame(demos) as frame:
-        assert (frame.name, frame.scale) == ("world", (0.05, 0.5))
+        assert (frame.name, frame.scale) == ("world", ActionScale(0.05, 0.5))
         assert np.array_equal(frame.rotations_world(demos[0], np.array([3, 8])), np.tile(np.eye(3), (2, 1, 1)))
 
 
@@ -69,7 +70,7 @@ def test_the_base_frame_turns_with_the_first_joint_of_an_iiwa(with_controller):
 def test_another_scale(with_controller):
     osc = {"type": "OSC_POSE", "output_max": [0.02] * 3 + [0.25] * 3, "output_min": [-0.02] * 3 + [-0.25] * 3}
     with with_controller(osc) as demos:
-        assert ActionFrame(demos).scale == (0.02, 0.25)
+        assert ActionFrame(demos).scale == ActionScale(0.02, 0.25)
 
 
 @pytest.mark.parametrize(

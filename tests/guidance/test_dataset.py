@@ -14,8 +14,9 @@ import pytest
 import ocplanner as ocp
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, OutputError
+from ocplanner.files.records.labels import ActionScale
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.labels import LabelSettings
+from ocplanner.guidance.settings import LabelSettings
 
 SETTINGS = LabelSettings(horizon_steps=(1, 4), reward="augment")
 
@@ -70,13 +71,14 @@ def test_the_copy_has_everything_and_the_labels(source, labelled, noise_planner)
 
 def test_what_was_done_is_recorded(labelled, noise_planner):
     with Demonstrations(labelled) as demos:
-        said = demos.label_settings or {}
-    assert said["planner_sha256"] == noise_planner.sha256
-    assert said["settings"]["reward_config"]["form"] == "penalty"
-    assert said["settings"]["horizon_steps"] == [1, 4]
-    assert said["action_scale"] == {"position": 0.05, "rotation": 0.5}
-    assert said["ocp_hint"] == ["k=1: x y z", "k=1: rx ry rz", "k=4: x y z", "k=4: rx ry rz", "held"]
-    assert said["source"]["name"] == "square_1.4.1_images.hdf5"
+        said = demos.label_record
+    assert said is not None
+    assert said.planner_sha256 == noise_planner.sha256
+    assert LabelSettings.of(said) == SETTINGS
+    assert said.action_scale == ActionScale(0.05, 0.5)
+    assert said.ocp_hint == ("k=1: x y z", "k=1: rx ry rz", "k=4: x y z", "k=4: rx ry rz", "held")
+    assert said.source is not None
+    assert said.source.name == "square_1.4.1_images.hdf5"
 
 
 def test_a_killed_run_goes_on_and_ends_the_same(source, labelled, noise_planner, tmp_path):
@@ -127,9 +129,8 @@ def test_targets_and_sources_that_are_refused(source, labelled, noise_planner, t
         label_dataset(source, source, noise_planner, SETTINGS, overwrite=True)
     with pytest.raises(DatasetError, match="labelled already"):
         label_dataset(labelled, tmp_path / "again.hdf5", noise_planner, SETTINGS)
-    for wrong in ({"threads": 0}, {"limit": 0}):
-        with pytest.raises(InvalidValueError, match="at least 1"):
-            label_dataset(source, tmp_path / "none.hdf5", noise_planner, SETTINGS, **wrong)
+    with pytest.raises(InvalidValueError, match="at least 1"):
+        label_dataset(source, tmp_path / "none.hdf5", noise_planner, SETTINGS, limit=0)
     assert not list(tmp_path.iterdir())
 
 

@@ -1,4 +1,6 @@
+import json
 import shutil
+from typing import get_args
 
 import h5py
 import numpy as np
@@ -8,8 +10,8 @@ from ocplanner import _core
 from ocplanner.control.grasp_detection import held_steps
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, UnknownNameError
-from ocplanner.guidance.labels import Labeller, LabelSettings
-from ocplanner.guidance.settings import FORMS, RewardConfig
+from ocplanner.guidance.labels import Labeller
+from ocplanner.guidance.settings import Form, LabelSettings, RewardConfig
 from ocplanner.planner.planner import Planner
 from random_planner import write_random_planner
 
@@ -89,7 +91,7 @@ def test_the_reward_is_the_papers_in_plain_numpy(path, demo, held, noise_planner
     assert not any("ocp_hint" in key or "ocp_plan" in key for key in found)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", get_args(Form))
 def test_every_form(path, demo, held, noise_planner, form):
     config = RewardConfig(1.0, 0.1, form=form, scale=2.0, gamma=0.9)
     found = labels(path, noise_planner, LabelSettings(hints=False, reward="only", reward_config=config))
@@ -171,7 +173,8 @@ def test_images_that_were_not_drawn_are_refused(path, tmp_path, held, noise_plan
         ({"hint_from": "hand"}, UnknownNameError, "known: object, plan"),
         ({"hint_from": "plan", "horizon_steps": (6,)}, InvalidValueError, "step 6 .* from 1 to 5"),
         ({"reward": "dense"}, UnknownNameError, "known: augment, off, only"),
-        ({"batch": 0}, InvalidValueError, "batch"),
+        ({"batch": 0}, InvalidValueError, "batch must be at least 1"),
+        ({"threads": 0}, InvalidValueError, "threads must be at least 1"),
         ({"horizon_steps": ()}, InvalidValueError, "horizon steps"),
         ({"horizon_steps": (1, 1)}, InvalidValueError, "horizon steps"),
         ({"horizon_steps": (7,)}, InvalidValueError, "step 7 .* from 1 to 6"),
@@ -215,3 +218,43 @@ def test_pictures_of_another_recording_are_refused(tiny_square, noise_planner, p
         labeller.label(demos["demo_0"])
         with pytest.raises(MismatchError, match="another recording"):
             labeller.label(demos["demo_1"])
+
+
+@pytest.fixture(scope="module")
+def handed_over(carried_objects, tmp_path_factory):
+    """The hammer of Transport changes hands at step 145: each hand moves with it while its own gripper is closed."""
+    path = tmp_path_factory.mktemp("two arms") / "transport.hdf5"
+    shutil.copy(carried_objects("TwoArmTransport"), path)
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            hammer, steps = demo["obs/payload_pos"][:], len(demo["actions"])
+            demo["obs/robot0_eef_pos"] = np.where(np.arange(steps)[:, None] < 145, hammer, hammer[145]) + 0.01
+            demo["obs/robot1_eef_pos"] = np.where(np.arange(steps)[:, None] >= 145, hammer, hammer[145]) - 0.01
+            demo["rewards"], demo["dones"] = np.zeros(steps), np.zeros(steps, np.int64)
+            demo["obs/agentview_image"] = np.full((steps, 84, 84, 3), 90, np.uint8)
+    return path
+
+
+@pytest.mark.parametrize(("part", "carried"), [("payload:0", range(115, 140)), ("payload:1", range(165, 190))])
+def test_each_arms_hand_goes_with_its_own_gripper(handed_over, tmp_path, part, carried):
+    path = tmp_path / "p.safetensors"
+    write_random_planner(path, task="Transport", object=part, observe="full", visual=None, mask_rgb=None)
+    found = labels(handed_over, Planner.load(path), LabelSettings(hints=False, reward="only"), "demo_0")
+    held = np.flatnonzero(found["ocp_reward_position"])
+    assert set(carried) <= set(held)
+    assert carried[0] - 10 < held[0] <= held[-1] < carried[-1] + 12
+
+
+def test_the_gripper_is_the_last_of_one_arms_actions_under_another_controller(path, tmp_path, noise_planner, held):
+    joints = shutil.copy(path, tmp_path / "joints.hdf5")
+    with h5py.File(joints, "r+") as file:
+        for demo in file["data"].values():
+            actions = np.insert(demo["actions"][:], 0, 0.0, axis=1)
+            actions[:, 6], actions[:, 7] = 1.0, demo["actions"][:, 6]
+            del demo["actions"]
+            demo["actions"] = actions
+        env_args = json.loads(file["data"].attrs["env_args"])
+        env_args["env_kwargs"]["controller_configs"]["type"] = "JOINT_POSITION"
+        file["data"].attrs["env_args"] = json.dumps(env_args)
+    found = labels(joints, noise_planner, LabelSettings(hints=False, reward="only"))
+    np.testing.assert_array_equal(found["ocp_reward_position"] > 0, held)

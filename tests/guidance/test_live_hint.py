@@ -1,5 +1,7 @@
 """Hints made live against those that ``ocplanner label`` writes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,10 @@ from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
+from ocplanner.files.records.labels import ActionScale, LabelRecord
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.labels import LabelSettings
 from ocplanner.guidance.live_hint import LiveHint
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.planner.planner import Planner
 from random_planner import write_random_planner
 
@@ -37,7 +40,7 @@ def labelled(request, images, planner):
 
 def test_the_same_states_give_the_same_hints(labelled, planner):
     with Demonstrations(labelled) as demos, make_env("Square", "Panda", cameras=()) as env:
-        demo, hint = demos[0], LiveHint(env, planner, demos.label_settings or {})
+        demo, hint = demos[0], LiveHint(env, planner, demos.label_record)
         states, actions, recorded = demo.states, demo.actions, demo.observation("ocp_hint")
         hold, last, flags = GraspDetector(), -1.0, 0
         for row in range(demo.length):
@@ -52,7 +55,7 @@ def test_the_same_states_give_the_same_hints(labelled, planner):
 
 def test_pictures_drawn_already_are_used(labelled, planner):
     with Demonstrations(labelled) as demos, make_env("Square", "Panda", cameras=()) as env:
-        hint, states = LiveHint(env, planner, demos.label_settings or {}), demos[0].states
+        hint, states = LiveHint(env, planner, demos.label_record), demos[0].states
         recorded = demos[0].observation("ocp_hint")
         row = int(np.flatnonzero(recorded[:, -1])[0])
         env.set_state(states[row])
@@ -63,16 +66,30 @@ def test_pictures_drawn_already_are_used(labelled, planner):
 
 
 def test_refuses_another_planner_task_or_preset(planner):
-    labels = {
-        "planner_sha256": planner.sha256,
-        "settings": {"horizon_steps": [1], "hint_from": "object"},
-        "action_frame": "world",
-        "action_scale": {"position": 0.05, "rotation": 0.5},
-    }
+    settings = {"horizon_steps": [1], "hint_from": "object"}
+    labels = LabelRecord(planner.sha256, settings, action_frame="world", action_scale=ActionScale(0.05, 0.5))
     with make_env("Square", "Panda", cameras=()) as env, pytest.raises(MismatchError, match="is not the planner"):
-        LiveHint(env, planner, {**labels, "planner_sha256": "0" * 64})
+        LiveHint(env, planner, replace(labels, planner_sha256="0" * 64))
     with make_env("Lift", "Panda", cameras=()) as env, pytest.raises(MismatchError, match="plans for Square"):
         LiveHint(env, planner, labels)
     stock = make_env("Square", "Panda", cameras=(), visual="stock")
     with stock as env, pytest.raises(MismatchError, match="drawn as stock"):
         LiveHint(env, planner, labels)
+
+
+@pytest.mark.parametrize(
+    ("origin", "steps", "decoded"), [("object", (1,), 1), ("object", (4, 2), 4), ("plan", (1,), 2)]
+)
+def test_no_more_of_a_plan_is_decoded_than_the_hint_reads(planner, monkeypatch, origin, steps, decoded):
+    settings = {"horizon_steps": list(steps), "hint_from": origin}
+    labels = LabelRecord(planner.sha256, settings, action_frame="world", action_scale=ActionScale(0.05, 0.5))
+    plan, asked = planner.plan, []
+    monkeypatch.setattr(planner, "plan", lambda images, threads=1, steps=None: asked.append(steps) or plan(images))
+    with make_env("Square", "Panda", cameras=()) as env:
+        LiveHint(env, planner, labels).row(True, {})
+    assert asked == [decoded]
+
+
+def test_labels_without_hints_are_refused(planner):
+    with make_env("Square", "Panda", cameras=()) as env, pytest.raises(MismatchError, match="has no hints"):
+        LiveHint(env, planner, LabelRecord(planner.sha256, {"hints": False, "reward": "only"}))

@@ -1,5 +1,7 @@
 """The live reward against the labels of the same states: a human Square demonstration, state by state."""
 
+from typing import get_args
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,9 +13,8 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs.gymnasium_env import GymnasiumEnv
 from ocplanner.errors import MismatchError, UnknownNameError
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.labels import LabelSettings
 from ocplanner.guidance.live_reward import PlanReward
-from ocplanner.guidance.settings import FORMS, RewardConfig
+from ocplanner.guidance.settings import Form, LabelSettings, RewardConfig
 from random_planner import write_random_planner
 
 
@@ -43,7 +44,7 @@ def put_on_record(env: GymnasiumEnv, states: np.ndarray, monkeypatch) -> None:
     monkeypatch.setattr(env.env, "step", lambda _action: env.env.set_state(next(rows)))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", get_args(Form))
 def test_the_same_states_give_the_same_reward(images, planner, env, form, monkeypatch, tmp_path):
     # Large weights, so that a part in a million of the reward shows any error.
     config = RewardConfig(a=5.0, b=1.0, form=form, gamma=0.9, scale=3.0)
@@ -103,3 +104,42 @@ def test_what_does_not_fit_is_refused(planner, env):
         PlanReward(gymnasium.make("CartPole-v1"), planner)  # type: ignore[arg-type]
     with GymnasiumEnv("Lift", cameras=()) as lift, pytest.raises(MismatchError, match="plans for Square"):
         PlanReward(lift, planner)
+
+
+def test_each_arms_hand_goes_with_its_own_gripper(tmp_path, monkeypatch):
+    """The hammer is in the second arm's hand, whose gripper is closed; the first arm's is open and far away."""
+    path = tmp_path / "p.safetensors"
+    write_random_planner(path, task="Transport", object="payload:1")
+    seen = []
+
+    def update(self, pose, hand, last_gripper):
+        seen.append((pose, hand, last_gripper))
+        return last_gripper > 0
+
+    monkeypatch.setattr(GraspDetector, "update", update)
+    action = np.zeros(14)
+    action[6], action[13] = -1.0, 1.0
+    with GymnasiumEnv("Transport", cameras=()) as env:
+        live = PlanReward(env, path)
+        live.reset(seed=0)
+        rewards = [live.step(action)[4]["ocp_reward_position"] for _ in range(2)]
+        hand, hammer = env.env.arms[1].eef_pose().position, env.env.object_pose("payload")
+    assert rewards[0] == 0  # the hand had not begun to close
+    assert rewards[1] > 0
+    pose, where, gripper = seen[-1]
+    assert gripper == 1.0
+    np.testing.assert_array_equal(where, hand)
+    np.testing.assert_array_equal(pose.position, hammer.position)
+
+
+def test_an_object_may_be_in_either_hand(tmp_path, monkeypatch):
+    path = tmp_path / "p.safetensors"
+    write_random_planner(path, task="Transport", object="payload")
+    monkeypatch.setattr(GraspDetector, "update", lambda self, pose, hand, last_gripper: last_gripper > 0)
+    closing = np.zeros((3, 14))
+    closing[:, [6, 13]] = [[1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]
+    with GymnasiumEnv("Transport", cameras=()) as env:
+        live = PlanReward(env, path)
+        live.reset(seed=0)
+        held = [live.step(action)[4]["ocp_reward_position"] > 0 for action in (*closing, np.zeros(14))]
+    assert held == [False, True, True, False]

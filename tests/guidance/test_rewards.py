@@ -1,3 +1,5 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -6,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ocplanner.errors import InvalidValueError, ShapeError
 from ocplanner.guidance.rewards import plan_reward
-from ocplanner.guidance.settings import FORMS, RewardConfig
+from ocplanner.guidance.settings import Form, RewardConfig
 
 STEPS = 12
 
@@ -36,7 +38,7 @@ def restated(planned, achieved, grasping, config, terminal):
     return dp, dr, reward
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", get_args(Form))
 @pytest.mark.parametrize("with_rotation", [True, False])
 @given(
     seed=st.integers(0, 2**31),

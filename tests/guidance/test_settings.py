@@ -1,10 +1,11 @@
 import pickle
 from dataclasses import replace
+from typing import get_args
 
 import pytest
 
 from ocplanner.errors import InvalidValueError, UnknownNameError
-from ocplanner.guidance.settings import FORMS, RewardConfig
+from ocplanner.guidance.settings import Form, RewardConfig
 
 
 def test_the_defaults_are_the_papers_weights_and_a_penalty():
@@ -32,7 +33,7 @@ def test_bad_numbers_are_named(change, message):
         RewardConfig(**change)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", get_args(Form))
 def test_survives_copies(form):
     config = replace(RewardConfig(), form=form)
     assert pickle.loads(pickle.dumps(config)) == config  # noqa: S301

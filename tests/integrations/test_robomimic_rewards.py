@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.labels import LabelSettings
-from ocplanner.guidance.settings import RewardConfig
+from ocplanner.guidance.settings import LabelSettings, RewardConfig
 from quick_robomimic import quick
 from random_planner import write_random_planner
 

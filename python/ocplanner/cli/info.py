@@ -118,7 +118,7 @@ def describe_dataset(path: Path) -> Facts:
             "arrays": {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()},
             "cameras": list(demos.cameras),
             "rendered": None if demos.render_record is None else to_dict(demos.render_record),
-            "labelled": demos.label_settings,
+            "labelled": None if demos.label_record is None else json.loads(demos.label_record.to_json()),
         }
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,15 +11,9 @@ from ocplanner.demos.demonstration import Demonstration
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.tasks import task_of_env
 from ocplanner.errors import DatasetError, MismatchError, ShapeError
+from ocplanner.files.records.labels import ActionScale, FrameName
 
 _SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's own where a recording does not say
-
-
-class ActionScale(NamedTuple):
-    """What an action of 1 asks for: metres and radians a control step."""
-
-    position: float
-    rotation: float
 
 
 class ActionFrame:
@@ -42,9 +36,10 @@ class ActionFrame:
         controller = _osc_pose(demos)
         self.scale = _scale(demos, controller)
         modern = "input_type" in controller or "input_ref_frame" in controller or _from_1_5(demos.env_version)
-        self.name = str(controller.get("input_ref_frame", "base")) if modern else "world"
-        if self.name not in ("world", "base"):
-            raise MismatchError(f"{demos.path}: actions in the frame {self.name!r}; only world and base are known")
+        name = str(controller.get("input_ref_frame", "base")) if modern else "world"
+        if name not in ("world", "base"):
+            raise MismatchError(f"{demos.path}: actions in the frame {name!r}; only world and base are known")
+        self.name: FrameName = name
         self._env: ManipulationEnv | None = None
 
     def rotations_world(self, demo: Demonstration, rows: np.ndarray) -> np.ndarray:

@@ -9,10 +9,9 @@ from ocplanner.demos.demonstration import Demonstration, Recording
 from ocplanner.demos.layouts import Order
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.files.hdf5 import HDF5File
+from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.files.records.render import RENDER_ATTRIBUTE, RenderRecord
 from ocplanner.files.storage import natural_key
-
-LABEL_ATTRIBUTE = "ocplanner_label"
 
 
 class Demonstrations(Sequence[Demonstration]):
@@ -152,10 +151,16 @@ class Demonstrations(Sequence[Demonstration]):
         return "full" if record is None else record.observe
 
     @property
-    def label_settings(self) -> dict[str, Any] | None:
-        """How ``ocplanner label`` made the hints and rewards; None when it did not."""
+    def label_record(self) -> LabelRecord | None:
+        """How ``ocplanner label`` made the hints and rewards; None if there are none, or something else made them."""
         text = self.attrs.get(LABEL_ATTRIBUTE)
-        return None if text is None else self._json(LABEL_ATTRIBUTE, text)
+        if text is None:
+            return None
+        try:
+            return LabelRecord.from_json(text)
+        except (TypeError, ValueError) as error:
+            fault = f"cannot be read ({error})"
+            raise self._file.error(f"{LABEL_ATTRIBUTE} of data", fault, "label the data set again") from error
 
     def _read_env_args(self) -> dict[str, Any]:
         if not self._file.has("data"):

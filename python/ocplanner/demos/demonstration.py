@@ -160,7 +160,9 @@ class Demonstration:
         Raises:
             DatasetError: the recording is of fewer arms.
         """
-        actions, columns = self.actions, [7 * arm + 6 for arm in arms]
+        actions = self.actions
+        width = 7 if actions.shape[1] % 7 == 0 else actions.shape[1]  # one arm under another controller than OSC_POSE
+        columns = [width * (arm + 1) - 1 for arm in arms]
         if max(columns) >= actions.shape[1]:
             fault = f"shape {actions.shape}, but arm {max(arms)} is asked for"
             raise self._error("actions", fault, "record it with as many arms as the task needs")

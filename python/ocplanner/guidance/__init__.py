@@ -1,1 +1,1 @@
-"""Hints and rewards out of plans, for data sets and live."""
+"""Hints and rewards made from plans, for data sets and live."""

@@ -1,16 +1,12 @@
-"""From plans to hints: the action that would take the held object where the plan wants it (the paper's section 5)."""
-
-from typing import Literal, get_args
+"""From plans to hints: the action that would take the held object to a planned pose (the paper's section 5)."""
 
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.errors import InvalidValueError, UnknownNameError
+from ocplanner.files.records.labels import ActionScale
+from ocplanner.guidance.settings import Origin
 from ocplanner.planner.planner import Plan
-
-Origin = Literal["object", "plan"]
-"""Where a hint starts: at the object's real pose, or at the plan's first step."""
-ORIGINS: tuple[str, ...] = get_args(Origin)
+from ocplanner.settings import require, require_choice
 
 HINT_WIDTH = 6
 """Numbers for each planned step: position part (3), rotation part (3)."""
@@ -27,21 +23,21 @@ def plan_hints(
 ) -> np.ndarray:
     """(B, 6 K) float64: for each of K planned steps the normalised delta command from the object's pose to it.
 
-    With the weights x, y and the residual A of a = (x, y) * hint + A, the hint itself is x = y = 1, A = 0: exactly
-    :func:`ocplanner._core.delta_pose_action`, gripper apart. The first three of its six numbers move the end effector
-    (x weighs them), the other three turn it (y).
+    The hint is a = (x, y) * hint + A with x = y = 1 and A = 0, which is :func:`ocplanner._core.delta_pose_action`
+    without the gripper. The first three of its six numbers move the end effector (weighted by x), the other three turn
+    it (weighted by y).
 
-    From the ``plan`` it is the command from the plan's first step to k steps after it: what the plan does, without how
-    far the object is from where it should be.
+    With the origin ``plan`` it is the command from the plan's first step to k steps after it: what the plan does,
+    regardless of how far the object is from where it should be.
 
     Args:
-        plan: made at the same moment, (B, H, ...); without rotations the object keeps its own.
+        plan: made at the same moment, (B, H, ...); without planned rotations the object keeps its own.
         pose_object: present positions (B, 3) in m and rotations (B, 3, 3), world.
         eef_positions: (B, 3) present positions of the end-effector site, world, metres.
         rotations_world_action: (B, 3, 3), frame of the actions -> world.
         horizon_steps: which planned steps, 1 for the next.
-        law: limits and scales; the core's own if not given.
-        origin: ``"object"``, the paper's text, or ``"plan"``, its equation read as printed.
+        law: limits and scales; the core's defaults if not given.
+        origin: ``"object"``, as the paper's text says, or ``"plan"``, as its equation is printed.
 
     Raises:
         InvalidValueError: a step is beyond the plan, a number is not finite, or a matrix is no rotation.
@@ -52,11 +48,11 @@ def plan_hints(
     position, rotation = pose_object
     first = 0 if origin == "object" else 1
     if origin == "plan":
-        # The hand holds the planned object as it holds the real one.
+        # Assume that the hand holds the planned object as it holds the real one.
         grip = np.einsum("bji,bj->bi", rotation, eef_positions - position)
         position, rotation = _step(plan, 0, rotation)
         eef_positions = position + np.einsum("bij,bj->bi", rotation, grip)
-    pose_eef = (eef_positions, rotation)  # the law does not ask how the hand is turned
+    pose_eef = (eef_positions, rotation)  # the law ignores how the hand is turned
     parts = []
     for k in horizon_steps:
         target = _step(plan, first + k - 1, rotation)
@@ -65,28 +61,31 @@ def plan_hints(
 
 
 def check_horizon_steps(horizon_steps: tuple[int, ...], horizon: int, origin: Origin) -> None:
-    """Check that a plan of ``horizon`` steps reaches so far.
+    """Check that a plan of ``horizon`` steps reaches far enough.
 
     Raises:
         InvalidValueError: a step is beyond it.
         UnknownNameError: no such origin.
     """
-    if origin not in ORIGINS:
-        raise UnknownNameError("origin of hints", origin, ORIGINS)
+    require_choice("origin of hints", origin, Origin)
     last = horizon if origin == "object" else horizon - 1
     for k in horizon_steps:
-        if not 1 <= k <= last:
-            raise InvalidValueError(f"horizon step {k} is outside the plan; choose from 1 to {last}")
+        require(1 <= k <= last, f"horizon step {k} is outside the plan; choose from 1 to {last}")
 
 
-def action_law(scale_position: float, scale_rotation: float) -> _core.DeltaPoseLaw:
-    """The core's law for actions of which 1 asks for so many metres and radians, with its limits as far as they go."""
+def steps_needed(horizon_steps: tuple[int, ...], origin: Origin) -> int:
+    """How many steps of a plan the hints read."""
+    return max(horizon_steps) + (origin == "plan")
+
+
+def action_law(scale: ActionScale) -> _core.DeltaPoseLaw:
+    """The core's law for actions of this scale, with its limits capped at what an action of 1 asks for."""
     return _core.DeltaPoseLaw(
-        limit_horizontal=min(0.05, scale_position),
-        limit_vertical=min(0.05, scale_position),
-        limit_rotation=min(0.2, scale_rotation),
-        scale_position=scale_position,
-        scale_rotation=scale_rotation,
+        limit_horizontal=min(0.05, scale.position),
+        limit_vertical=min(0.05, scale.position),
+        limit_rotation=min(0.2, scale.rotation),
+        scale_position=scale.position,
+        scale_rotation=scale.rotation,
     )
 
 

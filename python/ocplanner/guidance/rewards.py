@@ -1,4 +1,4 @@
-"""The reward of an episode whose plans are at hand, and the terms it is made of."""
+"""From plans to rewards: how far the object went from where it was planned (the paper's section 5)."""
 
 from typing import NamedTuple, TypeAlias
 
@@ -10,7 +10,7 @@ from ocplanner.guidance.settings import RewardConfig
 ObjectPoses: TypeAlias = tuple[np.ndarray, np.ndarray | None]
 """Positions (T, 3) float64 in m and rotations (T, 3, 3) float64, object -> world, or None."""
 
-DEFAULT = RewardConfig()
+DEFAULT_REWARD = RewardConfig()
 
 
 class Rewards(NamedTuple):
@@ -31,26 +31,26 @@ def plan_reward(
     planned: ObjectPoses,
     achieved: ObjectPoses,
     grasping: NDArray[np.bool_],
-    config: RewardConfig = DEFAULT,
+    config: RewardConfig = DEFAULT_REWARD,
     *,
     terminal: bool = True,
 ) -> Rewards:
-    """Reward every transition by where the plan wanted the object and where it went (the paper's section 5).
+    """Reward every transition by the distance between the planned and the achieved pose of the object.
 
-    The rotation term compares what the paper calls a rotation, the six numbers of the first two columns of its matrix.
-    For rotations an angle theta apart about the axis n, in the object's frame, it is 2 (1 - cos theta)(1 + n_z^2).
-    Without a grasp, terms and rewards are 0: there the planner's signal means nothing.
+    The rotation term compares rotations as the paper writes them: the six numbers of the first two columns of the
+    matrix. For rotations an angle theta apart about the axis n, in the object's frame, it is
+    2 (1 - cos theta)(1 + n_z^2). Without a grasp, terms and rewards are 0, since the plan then says nothing about what
+    the robot does.
 
-    With ``form="potential"`` the potential of a state is -E of the transition that led to it, and 0 in the first
-    state, after a transition without grasp, and in a terminal state. So a grasp begins with -gamma E and the first
+    With ``form="potential"`` the potential of a state is -E of the transition that led to it; it is 0 in the first
+    state, after a transition without a grasp, and in a terminal state. So a grasp begins with -gamma E, and the first
     transition after it pays the last E back. Over an episode that ends in a terminal state the discounted rewards sum
     to 0, otherwise to gamma^T Phi(s_T).
 
     Args:
         planned: for each transition from t to t + 1 the plan made at t, m'_{t+1}: positions (T, 3) float64 in m and
             rotations (T, 3, 3) float64, object -> world, or None from a planner of positions.
-        achieved: where the object is afterwards, m_{t+1}, likewise; without planned rotations, its rotations are
-            ignored.
+        achieved: where the object is afterwards, m_{t+1}, likewise; its rotations are ignored where none are planned.
         grasping: (T,) bool, whether the robot holds the object during the transition.
         config: weights and form.
         terminal: the last transition ends the episode for good, not by a time limit; only ``potential`` asks.
@@ -63,6 +63,6 @@ def plan_reward(
 
 
 def _rows(poses: ObjectPoses) -> ObjectPoses:
-    """C-contiguous, since the first step of a batch of plans, ``plan.position[:, 0]``, is not."""
+    """C-contiguous arrays: the first step of a batch of plans, ``plan.position[:, 0]``, is not."""
     position, rotation = poses
     return np.ascontiguousarray(position), None if rotation is None else np.ascontiguousarray(rotation)

@@ -12,6 +12,7 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.guidance.hints import HINT_WIDTH
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.policies.config import HINT_KEY, PolicyTraining
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.policies.transitions import TransitionBatch, Transitions
@@ -180,8 +181,8 @@ def check_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: st
     Raises:
         MismatchError: they are others.
     """
-    labels = demos.label_settings
-    labelled = horizons if labels is None else tuple(labels["settings"]["horizon_steps"])
+    labels = demos.label_record
+    labelled = horizons if labels is None else LabelSettings.of(labels).horizon_steps
     if labelled != horizons:
         raise MismatchError(
             f"{demos.path} is labelled with hints {labelled} steps ahead, the policy reads {horizons}; "

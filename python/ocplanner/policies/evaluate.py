@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from ocplanner.envs.environment import make_env
 from ocplanner.errors import MismatchError, ModelFileError
 from ocplanner.files.journal import Journal
 from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.records.labels import LabelRecord
 from ocplanner.files.storage import check_free, locked
 from ocplanner.guidance.live_hint import LiveHint, check_planner
 from ocplanner.planner.planner import Planner
@@ -22,7 +23,7 @@ from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.rollout import PolicyRollout
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.settings import require
+from ocplanner.settings import build, require
 from ocplanner.versions import installed
 
 
@@ -210,11 +211,11 @@ def checkpoints(path: Path) -> list[Path]:
     return found
 
 
-def _labels(policy: Policy) -> Mapping[str, Any]:
+def _labels(policy: Policy) -> LabelRecord:
     labels = policy.config["labels"]
     if labels is None:
         raise MismatchError(f"{policy.path}: its hints were not made by `ocplanner label`; they cannot be made live")
-    return labels
+    return build(LabelRecord, labels, ignore_unknown=True)
 
 
 def _identity(scenario: PolicyScenario, policies: Sequence[Policy], planner: Planner | None) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """What a policy makes of the plan: its weights x and y and its residual A along a recorded episode (section 5.2)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -10,6 +9,8 @@ from torch import Tensor
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
+from ocplanner.files.records.labels import LabelRecord
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HintConfig
 from ocplanner.policies.data import load_samples
@@ -17,6 +18,7 @@ from ocplanner.policies.hint import displacements
 from ocplanner.policies.network import PolicyNetwork
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import Policy
+from ocplanner.settings import build
 
 
 @dataclass(frozen=True)
@@ -113,9 +115,9 @@ def check_fits(policy: Policy, demos: Demonstrations) -> HintConfig:
     hint = policy.training.network.hint
     if hint is None:
         raise InvalidValueError(f"{policy.path} reads no hint, so there is nothing to see of one; give another policy")
-    labels, own = demos.label_settings, policy.config["labels"]
+    labels, own = demos.label_record, policy.config["labels"]
     found = None if labels is None else _kind(labels)
-    wanted = None if own is None else _kind(own)
+    wanted = None if own is None else _kind(build(LabelRecord, own, ignore_unknown=True))
     if found != wanted:
         raise MismatchError(
             f"{demos.path} has {found or 'no hints on record'}, but {policy.path} learned from "
@@ -127,10 +129,10 @@ def check_fits(policy: Policy, demos: Demonstrations) -> HintConfig:
     return hint
 
 
-def _kind(labels: Mapping[str, Any]) -> str:
-    settings = labels["settings"]
-    steps, origin = ", ".join(map(str, settings["horizon_steps"])), settings["hint_from"]
-    return f"hints {steps} steps ahead from the {origin} by planner {labels['planner_sha256'][:12]}"
+def _kind(labels: LabelRecord) -> str:
+    settings = LabelSettings.of(labels)
+    steps = ", ".join(map(str, settings.horizon_steps))
+    return f"hints {steps} steps ahead from the {settings.hint_from} by planner {labels.planner_sha256[:12]}"
 
 
 def _most_likely(network: PolicyNetwork, seen: Observation) -> list[Tensor]:

@@ -4,11 +4,12 @@ Lightning Fabric starts the processes and averages their gradients. Each process
 number of processes changes a run by rounding only (and by batch normalisation and crops with images).
 """
 
+import json
 import math
 import os
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -160,6 +161,8 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
         train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
         valid = _load(demos, held_out, config) if held_out else None
+        record = demos.label_record
+        labels = None if record is None else json.loads(record.to_json())
         about = {
             "task": demos.task_name,
             "environment": demos.env_name,
@@ -167,8 +170,8 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             "object_layout": demos[names[0]].object_layout(),
             **_actions(demos),
             "render": None if demos.render_record is None else to_dict(demos.render_record),
-            "labels": demos.label_settings if config.reads_hints else None,
-            "rewards": demos.label_settings if find_algorithm(config.algorithm).rewards else None,
+            "labels": labels if config.reads_hints else None,
+            "rewards": labels if find_algorithm(config.algorithm).rewards else None,
             "low_dim": train.low_dim.shape[1],
             "actions": train.actions.shape[1],
         }
@@ -186,7 +189,7 @@ def _actions(demos: Demonstrations) -> dict[str, Any]:
     """Frame and scale of the actions, None where they are no end-effector deltas of one arm."""
     try:
         with ActionFrame(demos) as frame:
-            return {"action_frame": frame.name, "action_scale": frame.scale._asdict()}
+            return {"action_frame": frame.name, "action_scale": asdict(frame.scale)}
     except MismatchError:
         return {"action_frame": None, "action_scale": None}
 

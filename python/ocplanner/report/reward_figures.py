@@ -11,6 +11,7 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.drawing.style import INK, MUTED, SERIES, new_figure, styled
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.report.overlays import show_image
 
 _MOMENTS = 3
@@ -38,8 +39,8 @@ class JudgedEpisode:
         Raises:
             DatasetError: the data set has no reward of a plan.
         """
-        labels = self.demos.label_settings or {}
-        mode = labels.get("settings", {}).get("reward", "off")
+        labels = self.demos.label_record
+        mode = "off" if labels is None else LabelSettings.of(labels).reward
         if mode == "off":
             raise DatasetError(f"{self.demos.path} has no reward of a plan; write it with `ocplanner label --reward`")
         arrays = self.demos[self.name].arrays()
