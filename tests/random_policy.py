@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ocplanner.demos.dataset import LABEL_ATTRIBUTE
+from ocplanner.files.records.labels import LABEL_ATTRIBUTE
 from ocplanner.planner.config import EncoderConfig, to_dict
 from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
 from ocplanner.policies.network import make_network

@@ -8,8 +8,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError, OutputError, TrainingError
+from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.files.storage import locked
 from ocplanner.planner.config import to_dict
 from ocplanner.policies import train
@@ -17,6 +18,7 @@ from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import rate, train_policy
+from ocplanner.settings import build
 from ocplanner.training.run_folder import RunFolder
 
 
@@ -162,7 +164,7 @@ def test_the_labels_travel_with_the_policy_and_must_fit_it(tiny_square, tmp_path
     ):
         train_policy(small(hint=(1,)), data, tmp_path / "run")
     hinted = Policy.load(train_policy(small(hint=(5,)), data, tmp_path / "hinted"))
-    assert hinted.config["labels"] == labels
+    assert build(LabelRecord, hinted.config["labels"]) == build(LabelRecord, labels)
     assert Policy.load(train_policy(small(), data, tmp_path / "plain")).config["labels"] is None
 
 

@@ -4,8 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
-from ocplanner.demos.dataset import LABEL_ATTRIBUTE, Demonstrations
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError
+from ocplanner.files.records.labels import LABEL_ATTRIBUTE
 from ocplanner.report.reward_figures import JudgedEpisode, judged_figure
 
 PLAN = np.linspace(0, 1, 90)
