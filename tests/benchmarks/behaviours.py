@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.collection.expert import demonstrate
-from ocplanner.collection.flawed import fail
+from ocplanner.collection.attempts import demonstrate, fail
 from ocplanner.control.arm import CLOSE
 from ocplanner.control.arm_program import ArmProgram, HorizonReached
 from ocplanner.control.grasp import take_hold

@@ -14,9 +14,9 @@ PLAIN = DemonstrationVariation(
 
 @pytest.mark.parametrize("seed", range(5))
 def test_path_leads_up_over_and_to_the_goal_in_even_steps(seed):
-    manner = expert_of("Square").manner(np.random.default_rng(seed))
-    start, goal = np.array([-0.11, 0.15, 0.83]), np.array([0.23, 0.1, manner.carry_height])
-    path = carry_path(start, goal, manner)
+    variation = expert_of("Square").draw_variation(np.random.default_rng(seed))
+    start, goal = np.array([-0.11, 0.15, 0.83]), np.array([0.23, 0.1, variation.carry_height])
+    path = carry_path(start, goal, variation)
     assert path[0] == pytest.approx(start)
     assert path[-1] == pytest.approx(goal)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -56,6 +56,6 @@ def test_turned_goes_the_short_way():
 
 
 def test_scaling_leaves_no_noise_at_zero_and_everything_at_one():
-    manner = replace(PLAIN, sideways=0.02, yaw_error=0.1, noise=0.05)
-    assert manner.scaled(0.0) == PLAIN
-    assert manner.scaled(1.0) == manner
+    variation = replace(PLAIN, sideways=0.02, yaw_error=0.1, noise=0.05)
+    assert variation.scaled(0.0) == PLAIN
+    assert variation.scaled(1.0) == variation

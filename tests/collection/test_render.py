@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocplanner.collection.frames import RenderSettings
 from ocplanner.collection.render import render_dataset
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, OutputError, UnknownNameError
+from ocplanner.rollouts.settings import WorkerSettings
 
-SMALL = RenderSettings(observe="masked", size=24, frames="manipulation")
+SMALL = RenderSettings(silhouettes=(), size=24, frames="manipulation")
 
 
 def _content(path: Path) -> str:
@@ -117,7 +118,7 @@ def test_an_impatient_ctrl_c_ends_at_once_and_keeps_what_is_done(tiny_square, tm
 
 
 def test_workers_do_not_change_the_result(tiny_square, rendered, tmp_path):
-    path = render_dataset(tiny_square(), tmp_path / "two.hdf5", SMALL, workers=2)
+    path = render_dataset(tiny_square(), tmp_path / "two.hdf5", SMALL, WorkerSettings(2))
     assert _content(path) == _content(rendered)
 
 
@@ -140,12 +141,12 @@ def test_states_of_another_model_are_refused(tiny_square, tmp_path):
             demo["states"] = np.concatenate([states, states[:, :2]], axis=1)
     with pytest.raises(DatasetError):
         render_dataset(broken, tmp_path / "out.hdf5", SMALL)
-    with pytest.raises(InvalidValueError, match="workers"):
-        render_dataset(broken, tmp_path / "out.hdf5", SMALL, workers=0)
+    with pytest.raises(InvalidValueError, match="limit is 0"):
+        render_dataset(broken, tmp_path / "out.hdf5", SMALL, limit=0)
 
 
 def test_a_mistaken_camera_is_told_from_a_worker_and_can_be_corrected(tiny_square, tmp_path):
     target = tmp_path / "mistaken.hdf5"
     with pytest.raises(UnknownNameError, match="agentview"):
-        render_dataset(tiny_square(), target, RenderSettings(cameras=("wrist",)), workers=2)
+        render_dataset(tiny_square(), target, RenderSettings(cameras=("wrist",)), WorkerSettings(2))
     render_dataset(tiny_square(), target, RenderSettings(observe="full", size=8), limit=1)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocplanner.collection.frames import RenderSettings
 from ocplanner.collection.render import render_dataset
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs import make_env
@@ -29,7 +29,7 @@ def planner(tmp_path_factory):
 @pytest.fixture(scope="module")
 def images(square_ph, tmp_path_factory):
     path = tmp_path_factory.mktemp("images") / "images.hdf5"
-    return render_dataset(square_ph, path, RenderSettings("masked"), limit=1)
+    return render_dataset(square_ph, path, RenderSettings(silhouettes=()), limit=1)
 
 
 @pytest.fixture(scope="module", params=["object", "plan"])

@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from ocplanner.collection.frames import RenderSettings
 from ocplanner.collection.render import render_dataset
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs.gymnasium_env import GymnasiumEnv
@@ -28,7 +28,7 @@ def planner(request, tmp_path_factory):
 @pytest.fixture(scope="module")
 def images(square_ph, tmp_path_factory):
     path = tmp_path_factory.mktemp("images") / "images.hdf5"
-    return render_dataset(square_ph, path, RenderSettings("masked"), limit=1)
+    return render_dataset(square_ph, path, RenderSettings(silhouettes=()), limit=1)
 
 
 @pytest.fixture(scope="module")

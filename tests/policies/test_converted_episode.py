@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from ocplanner.collection.collect import collect
+from ocplanner.collection.settings import CollectSettings
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError
 from ocplanner.policies.converted_episode import load_episode
@@ -31,7 +32,7 @@ def test_its_own_recordings_stay_as_they_are(policy, tiny_square):
 
 def test_what_a_later_robosuite_records_is_put_in_the_policys_order(policy, tmp_path):
     """A collected episode against the poses that the simulator had."""
-    path = collect(tmp_path / "d.hdf5", episodes=1).path
+    path = collect(tmp_path / "d.hdf5", CollectSettings(episodes=1)).path
     with Demonstrations(path) as demos:
         demo = demos[0]
         episode = load_episode(policy, demos, demo.name)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ocplanner.collection.expert import demonstrate
+from ocplanner.collection.attempts import demonstrate
 from ocplanner.control.settings import ControlSettings
 from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment

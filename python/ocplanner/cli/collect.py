@@ -1,6 +1,6 @@
 """``ocplanner collect``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -8,70 +8,46 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from ocplanner.collection.settings import Flaw
+from ocplanner.collection.settings import CollectSettings
 from ocplanner.progress import PlainLines, counting_columns
+from ocplanner.rollouts.settings import WorkerSettings
 
 
 @dataclass(frozen=True)
 class Collect:
     """Record scripted demonstrations as a robomimic data set without images.
 
-    Stop it whenever you like: the same command goes on where it was.
+    You can stop it at any time; the same command continues where it stopped.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Data set to make (.hdf5)."""
-    task: str = "Square"
-    """The task."""
-    robot: str = "Panda"
-    """The arm."""
-    episodes: int = 100
-    """Successful demonstrations to record (with --flaw: failures); other attempts are left out and counted."""
-    flaw: Flaw | None = None
-    """Record failures instead: the expert lets go on the way, or puts the object down beside its goal."""
-    noise: float = 1.0
-    """How far demonstrations differ in path and tremor: 1 about as people's, 0 not at all."""
-    seed: int = 0
-    """0 to 9: which thousand of attempts. Seeds from 10000 on are kept for evaluation."""
-    workers: int = 1
-    """Processes; the data set does not depend on it."""
-    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
+    settings: Annotated[CollectSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=CollectSettings)
+    workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=WorkerSettings)
     overwrite: bool = False
-    """Replace the data set if it is there."""
+    """Replace the data set if it exists."""
 
     def run(self) -> None:
         """Collect with a progress bar."""
         from ocplanner.collection.collect import collect
 
-        console = Console()
+        settings, console = self.settings, Console()
+        doing = f"{settings.task}, {settings.robot}"
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
-            bar = progress.add_task(f"{self.task}, {self.robot}", total=self.episodes)
+            bar = progress.add_task(doing, total=settings.episodes)
             failed, lines = 0, PlainLines(console)
 
             def count(_: str, success: bool) -> None:
                 nonlocal failed
                 failed += not success
-                text = f"{self.task}, {self.robot}" + (f", {failed} failed" if failed else "")
+                text = doing + (f", {failed} failed" if failed else "")
                 progress.update(bar, advance=int(success), description=text)
-                lines.say(f"{text}: {progress.tasks[bar].completed:.0f} of {self.episodes} demonstrations")
+                lines.say(f"{text}: {progress.tasks[bar].completed:.0f} of {settings.episodes} demonstrations")
 
-            collected = collect(
-                self.out,
-                self.task,
-                self.robot,
-                episodes=self.episodes,
-                seed=self.seed,
-                flaw=self.flaw,
-                noise=self.noise,
-                workers=self.workers,
-                ray=self.ray,
-                overwrite=self.overwrite,
-                progress=count,
-            )
+            collected = collect(self.out, settings, self.workers, overwrite=self.overwrite, progress=count)
+        kept, left_out = ("demonstrations", "failed") if settings.flaw is None else ("failures", "successful")
         console.print(
-            f"{collected.path}: {collected.demonstrations} {'demonstrations' if self.flaw is None else 'failures'}; "
-            f"{collected.failures} {'failed' if self.flaw is None else 'successful'} attempts left out",
+            f"{collected.path}: {collected.demonstrations} {kept}; {collected.failures} {left_out} attempts left out",
             soft_wrap=True,
         )
 

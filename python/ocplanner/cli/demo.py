@@ -11,8 +11,10 @@ from ocplanner.cli.render import Render
 from ocplanner.cli.report import Report
 from ocplanner.cli.train_planner import TrainPlanner
 from ocplanner.cli.transfer import Transfer
+from ocplanner.collection.settings import CollectSettings, RenderSettings
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.planner.planner import FILE_NAME
+from ocplanner.rollouts.settings import WorkerSettings
 
 
 @dataclass(frozen=True)
@@ -50,13 +52,15 @@ class Demo:
         console.rule("2/6 demonstrations")
         data = self.data or self.out / "demonstrations.hdf5"
         if self.data is None and not data.exists():
-            Collect(out=data, episodes=self.demonstrations, seed=self.seed, workers=self.workers).run()
+            settings = CollectSettings(episodes=self.demonstrations, seed=self.seed)
+            Collect(out=data, settings=settings, workers=WorkerSettings(self.workers)).run()
         console.print(str(data), soft_wrap=True)
 
         console.rule("3/6 images")
         images = self.out / "images.hdf5"
         if not images.exists():
-            Render(source=data, target=images, frames="manipulation", workers=self.workers).run()
+            settings = RenderSettings(frames="manipulation")
+            Render(source=data, target=images, settings=settings, workers=WorkerSettings(self.workers)).run()
         console.print(str(images), soft_wrap=True)
 
         console.rule("4/6 the object-centric planner")

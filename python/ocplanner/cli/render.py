@@ -1,83 +1,56 @@
 """``ocplanner render``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 
-from ocplanner.envs.visuals import Observe
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.progress import demonstrations_bar
+from ocplanner.rollouts.settings import WorkerSettings
 
 
 @dataclass(frozen=True)
 class Render:
     """Add camera images to a data set that has states.
 
-    Stop it whenever you like: the same command goes on where it was.
+    You can stop it at any time; the same command continues where it stopped.
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
     """robomimic data set with states."""
     target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TARGET")]
     """File to make: a copy with images."""
-    observe: Observe = "masked"
-    """What the images show: everything, the robot painted flat, or no robot at all."""
-    cameras: tuple[str, ...] = ("agentview",)
-    """Cameras to render."""
-    size: int = 84
-    """Width and height, pixels."""
-    visual: Literal["fast", "stock"] = "fast"
-    """Visual preset: lean pictures, or robosuite's own."""
-    silhouettes: tuple[str, ...] | None = None
-    """Arms whose masks are added to masked images, for augmentation. Default: IIWA and Kinova3."""
-    silhouette_stride: int = 1
-    """Draw silhouettes for every so many-th frame only."""
-    frames: Literal["all", "manipulation"] = "all"
-    """Render all frames, or only those in which the robot manipulates the object."""
-    workers: int = 2
-    """Processes."""
-    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
+    settings: Annotated[RenderSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=RenderSettings)
+    workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=lambda: WorkerSettings(2))
     limit: int | None = None
     """Render the first so many demonstrations only."""
     overwrite: bool = False
-    """Replace the target if it is there."""
+    """Replace the target if it exists."""
 
     def run(self) -> None:
         """Render with a progress bar."""
-        from ocplanner.collection.frames import RenderSettings
         from ocplanner.collection.render import render_dataset
         from ocplanner.demos.dataset import Demonstrations
 
-        silhouettes = self.silhouettes
-        if silhouettes is None:
-            silhouettes = ("IIWA", "Kinova3") if self.observe == "masked" else ()
-        settings = RenderSettings(
-            observe=self.observe,
-            cameras=self.cameras,
-            size=self.size,
-            visual=self.visual,
-            silhouettes=silhouettes,
-            silhouette_stride=self.silhouette_stride,
-            frames=self.frames,
-        )
         with Demonstrations(self.source) as demos:
             total = len(demos.names[: self.limit])
-        console = Console(stderr=True)
+        console, settings = Console(stderr=True), self.settings
         with demonstrations_bar("rendering", total, console) as advance:
             path = render_dataset(
                 self.source,
                 self.target,
                 settings,
-                workers=self.workers,
-                ray=self.ray,
+                self.workers,
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,
             )
-        console.print(f"wrote {path}: {total} demonstrations, {', '.join(self.cameras)}, observe={self.observe}")
+        console.print(
+            f"wrote {path}: {total} demonstrations, {', '.join(settings.cameras)}, observe={settings.observe}"
+        )
 
 
 COMMAND = Render

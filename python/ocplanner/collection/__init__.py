@@ -1,1 +1,1 @@
-"""Making demonstrations, and rendering them."""
+"""Making demonstrations and rendering them."""

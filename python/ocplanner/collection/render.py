@@ -1,7 +1,7 @@
-"""From recorded states to pictures: a copy of a data set with camera images, made by several processes.
+"""A copy of a data set with camera images, drawn from the recorded states by several processes.
 
-With ``observe="masked"`` the copy also holds what augmentation needs: the scene without the robot, its mask, and the
-masks that other arms would have with their end effector where the recorded one is.
+With ``observe="masked"`` the copy also holds what augmentation needs: the scene without the robot, the robot's mask,
+and the masks of other arms with their end effector at the recorded one's pose.
 """
 
 from collections.abc import Callable
@@ -10,60 +10,61 @@ from pathlib import Path
 
 import numpy as np
 
-from ocplanner.collection.frames import FrameRenderer, RenderSettings
+from ocplanner.collection.frame_renderer import FrameRenderer
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.tasks import task_of_env
-from ocplanner.errors import DatasetError, InvalidValueError
+from ocplanner.errors import DatasetError
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
+from ocplanner.settings import require
+
+_ONE_WORKER = WorkerSettings()
 
 Progress = Callable[[str, int], None]
-"""Called with the name and the number of steps of each demonstration that is done."""
+"""Called with the name and the number of steps of each finished demonstration."""
 
 
 def render_dataset(
     source: str | Path,
     target: str | Path,
     settings: RenderSettings,
+    workers: WorkerSettings = _ONE_WORKER,
     *,
-    workers: int = 1,
-    ray: str | None = None,
     limit: int | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Copy a data set and add pictures to it.
+    """Copy a data set and add images to it.
 
-    A run that was stopped, at whatever moment, goes on when called again with the same settings, and ends with the
-    same file.
+    If the function is stopped, the next call with the same settings continues and ends with the same file.
 
     Args:
         source: a robomimic data set with ``states``.
         target: the file to make.
         settings: what is drawn.
-        workers: processes.
-        ray: address of a Ray cluster for the workers; see :func:`ocplanner.rollouts.episodes.run_episodes`.
-        limit: render the first so many demonstrations only.
-        overwrite: replace ``target`` if it is there.
-        progress: called after each demonstration; those of an earlier run come first.
+        workers: how many worker processes, and where.
+        limit: render only the first so many demonstrations.
+        overwrite: replace ``target`` if it exists.
+        progress: called after each demonstration, first for those that an earlier call finished.
 
     Raises:
+        InvalidValueError: ``limit`` is not positive.
         DatasetError: the source has no states, or they are another task's or arm's.
         OutputError: the target exists or cannot be written.
         RenderingError: no working headless OpenGL.
         WorkerError: a demonstration killed its process three times (out of memory?).
         ClusterError: there is no Ray cluster at the address.
     """
-    if workers < 1 or (limit is not None and limit < 1):
-        raise InvalidValueError(f"workers and limit must be at least 1, not {workers} and {limit}")
+    require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
     with Demonstrations(source) as demos:
         task = task_of_env(demos.env_name)
         if not demos.robots or demos.robots != demos.robots[:1] * task.arms:
             raise DatasetError(
-                f"{demos.path}: recorded with {demos.robots or 'no robot'}; {task.name} is rendered with "
-                f"{'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}"
+                f"{demos.path}: recorded with {' and '.join(demos.robots) or 'no robot on record'}, but {task.name} "
+                f"needs {'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}; record the data set again"
             )
         names = demos.names[:limit]
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
@@ -75,7 +76,7 @@ def render_dataset(
                     progress(name, demos[name].length)
             waiting = [number for number, name in enumerate(names) if name not in done]
             make = partial(_Worker, demos.path.absolute(), task.name, demos.robots[0], settings)
-            for number, arrays in run_episodes(make, _Worker.render, waiting, WorkerSettings(workers, ray)):
+            for number, arrays in run_episodes(make, _Worker.render, waiting, workers):
                 demo = demos[number]
                 writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
                 if progress:
@@ -85,19 +86,15 @@ def render_dataset(
 
 
 class _Worker:
-    """The source and the environments of one process; made when the first demonstration asks for them."""
+    """The source and the renderer of one process."""
 
     def __init__(self, source: Path, task_name: str, robot: str, settings: RenderSettings) -> None:
         self._demos = Demonstrations(source)
-        self._make = lambda: FrameRenderer(task_name, robot, settings)
-        self._renderer: FrameRenderer | None = None
+        self._renderer = FrameRenderer(task_name, robot, settings)
 
     def render(self, number: int) -> dict[str, np.ndarray]:
-        if self._renderer is None:
-            self._renderer = self._make()
         return self._renderer.render(self._demos[number])
 
     def close(self) -> None:
         self._demos.close()
-        if self._renderer is not None:
-            self._renderer.close()
+        self._renderer.close()

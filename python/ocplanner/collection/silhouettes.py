@@ -1,59 +1,58 @@
-"""What another arm would cover with its end effector where the recorded arm's is; of a pair, both arms."""
+"""The pixels that another arm would cover with its end effector at the recorded arm's pose; of a pair, both arms."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.envs import make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import Task
 from ocplanner.geometry.pose import Pose
 
 REACHED_M = 0.08
-"""How far the nearest reachable pose may be from the wanted one, a radian counted as 0.1 m.
+"""Largest reach error, a radian counted as 0.1 m, with which an arm still counts as reaching a pose.
 
-Generous on purpose: near the edge of its workspace an arm (Kinova3 over the peg) would come in tilted, and that is what
-it would look like.
+It is large on purpose: near the edge of its workspace an arm (Kinova3 over the peg) holds the object tilted, and its
+silhouette should look so.
 """
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
 class Hand(NamedTuple):
-    """Where a recorded hand is: its end-effector site, world frame, and the gap between the finger pads, metres."""
+    """A recorded hand: the pose of its end-effector site, world frame, and the gap between its finger pads, metres."""
 
     pose: Pose
     opening: float
 
 
 class SilhouetteArm:
-    """One other arm before the same task, or as many of its kind as the task takes.
+    """Another arm in the same scene, or as many of its kind as the task needs.
 
     Args:
         task: the task.
         source: name of the recorded arm.
         name: name of the arm to place.
-        cameras: camera names.
-        size: width and height, pixels.
-        visual: visual preset.
+        settings: cameras, size and visual preset.
     """
 
-    def __init__(self, task: Task, source: str, name: str, cameras: tuple[str, ...], size: int, visual: str) -> None:
-        self._env = make_env(task, name, cameras=cameras, image_size=size, visual=visual)
+    def __init__(self, task: Task, source: str, name: str, settings: RenderSettings) -> None:
+        self._env = make_env(task, name, cameras=settings.cameras, image_size=settings.size, visual=settings.visual)
         # Recorded site -> grasp frame -> this arm's site.
         straight = robot_spec(source).rotation_grasp_site.T @ robot_spec(name).rotation_grasp_site
-        # Two fingers close alike when turned by half a turn; which of the two the arm reaches more easily varies.
+        # Two fingers close alike after half a turn; which of the two the arm reaches more easily varies.
         self._both_turns = (straight, straight @ _HALF_TURN)
-        self._turns = self._as_at_first()
+        self._turns = self._initial_turns()
 
     def start(self) -> None:
-        """Begin a demonstration: what follows depends on it alone."""
+        """Begin a demonstration, so that its masks do not depend on earlier ones."""
         self._env.reset(0)
-        self._turns = self._as_at_first()
+        self._turns = self._initial_turns()
 
     def masks(self, poses_objects: Mapping[str, Pose], hands: Sequence[Hand]) -> dict[str, np.ndarray]:
-        """Masks (h, w) bool by camera; nothing where an arm cannot reach.
+        """Masks (h, w) bool by camera; all False if an arm cannot reach its pose.
 
         Args:
             poses_objects: poses of the task's objects by name, world frame.
@@ -70,14 +69,14 @@ class SilhouetteArm:
         """Free the environment."""
         self._env.close()
 
-    def _as_at_first(self) -> list[list[np.ndarray]]:
-        """Of each arm the turns to try, in this order."""
+    def _initial_turns(self) -> list[list[np.ndarray]]:
+        """For each arm, the turns in the order in which they are tried."""
         return [list(self._both_turns) for _ in self._env.arms]
 
     def _place(self, number: int, hand: Hand) -> bool:
-        """Put one arm's hand there; whether it reaches. The turn with which it does is tried first in the next frame.
+        """Place one arm's hand, and return whether it reaches.
 
-        So the wrist does not flip back and forth.
+        The turn that succeeds is tried first in the next frame, so that the wrist does not flip back and forth.
         """
         turns = self._turns[number]
         for turn in list(turns):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ocplanner.collection.expert import demonstrate
+from ocplanner.collection.attempts import demonstrate
 from ocplanner.collection.experts import expert_of, experts
 from ocplanner.collection.experts.lift import bowed_path
 from ocplanner.envs.environment import make_env
@@ -24,8 +24,8 @@ def test_unknown_task_lists_the_known():
 
 
 @pytest.mark.parametrize("name", sorted(experts()))
-def test_manners_differ_with_the_seed_alone(name):
-    draw = expert_of(name).manner
+def test_variations_differ_with_the_seed_alone(name):
+    draw = expert_of(name).draw_variation
     first, again, other = (draw(np.random.default_rng(seed)) for seed in (0, 0, 1))
     assert first == again != other
 
@@ -52,10 +52,10 @@ def test_noise_is_on_demand():
 
 
 def test_the_cube_is_lifted_in_a_bow():
-    manner = expert_of("Lift").manner(np.random.default_rng(0))
+    variation = expert_of("Lift").draw_variation(np.random.default_rng(0))
     start = np.array([0.02, -0.01, 0.85])
-    path = bowed_path(start, manner)
+    path = bowed_path(start, variation)
     assert path[0] == pytest.approx(start)
-    assert path[-1] == pytest.approx([*start[:2], manner.carry_height])
-    assert np.abs(path[:, 1] - start[1]).max() == pytest.approx(abs(manner.sideways), rel=0.01)
+    assert path[-1] == pytest.approx([*start[:2], variation.carry_height])
+    assert np.abs(path[:, 1] - start[1]).max() == pytest.approx(abs(variation.sideways), rel=0.01)
     assert np.ptp(path[:, 0]) == 0

@@ -1,16 +1,37 @@
-"""The scripted experts: one module each, found by being here, each binding ``EXPERT``.
+"""The scripted experts: one module a task. A module in this package that binds ``EXPERT`` is found automatically.
 
-They know where the goal is, and solve a task the way people demonstrated it.
+An expert knows where the goal is, and solves its task the way people demonstrated it.
 """
 
 import importlib
 import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
-from ocplanner.collection.experts.expert import Expert
+import numpy as np
+
+from ocplanner.collection.arm_programs import NoisyArmProgram
+from ocplanner.collection.carrying import DemonstrationVariation
+from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import UnknownNameError
 
-__all__ = ["Expert", "expert_of", "experts"]
+
+@dataclass(frozen=True)
+class Expert:
+    """Solves one task.
+
+    Attributes:
+        task: the task's name.
+        draw_variation: draws how the next demonstration differs from others.
+        solve: moves the arms. Success is the environment's to judge. It raises
+            :class:`ocplanner.collection.carrying.ObjectLostError` or
+            :class:`ocplanner.control.arm_program.HorizonReached` if it cannot go on.
+    """
+
+    task: str
+    draw_variation: Callable[[np.random.Generator], DemonstrationVariation]
+    solve: Callable[[ManipulationEnv, NoisyArmProgram, DemonstrationVariation], None]
 
 
 @cache

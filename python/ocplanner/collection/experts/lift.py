@@ -1,16 +1,17 @@
-"""Lift: take the cube, raise it and keep it there."""
+"""Lift: take the cube, raise it and hold it there."""
 
 import numpy as np
 
-from ocplanner.collection.carrying import Carrier, DemonstrationVariation, NoisyArmProgram, evenly_spaced
-from ocplanner.collection.experts.expert import Expert
+from ocplanner.collection.arm_programs import NoisyArmProgram
+from ocplanner.collection.carrying import Carrier, DemonstrationVariation, evenly_spaced
+from ocplanner.collection.experts import Expert
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.geometry.pose import Pose
 
-_KEPT = 10  # control steps that the cube is kept up
+_KEPT = 10  # control steps for which the cube is held up
 
 
-def _manner(rng: np.random.Generator) -> DemonstrationVariation:
+def _draw_variation(rng: np.random.Generator) -> DemonstrationVariation:
     return DemonstrationVariation(
         carry_height=rng.uniform(0.91, 0.93),
         sideways=rng.normal(0.0, 0.02),
@@ -22,19 +23,19 @@ def _manner(rng: np.random.Generator) -> DemonstrationVariation:
     )
 
 
-def _solve(env: ManipulationEnv, body: NoisyArmProgram, manner: DemonstrationVariation) -> None:
-    carrier = Carrier(env, body, manner)
+def _solve(env: ManipulationEnv, program: NoisyArmProgram, variation: DemonstrationVariation) -> None:
+    carrier = Carrier(env, program, variation)
     start = carrier.take()
-    path = bowed_path(start.position, manner)
+    path = bowed_path(start.position, variation)
     carrier.carry(path, start.rotation)
     carrier.hold(Pose(path[-1], start.rotation), _KEPT)
 
 
-def bowed_path(start: np.ndarray, manner: DemonstrationVariation) -> np.ndarray:
-    """(40, 3) straight up from the cube's place, but for a bow to the robot's left, evenly spaced, metres."""
+def bowed_path(start: np.ndarray, variation: DemonstrationVariation) -> np.ndarray:
+    """(40, 3) evenly spaced points from the cube straight up, with a bow to the robot's left, world, metres."""
     s = np.linspace(0.0, 1.0, 160)[:, None]
-    rise = np.array([0.0, 0.0, manner.carry_height - start[2]])
-    return evenly_spaced(start + s * rise + np.sin(np.pi * s) * [0.0, manner.sideways, 0.0], 40)
+    rise = np.array([0.0, 0.0, variation.carry_height - start[2]])
+    return evenly_spaced(start + s * rise + np.sin(np.pi * s) * [0.0, variation.sideways, 0.0], 40)
 
 
-EXPERT = Expert("Lift", _manner, _solve)
+EXPERT = Expert("Lift", _draw_variation, _solve)

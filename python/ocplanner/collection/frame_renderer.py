@@ -1,75 +1,23 @@
-"""The pictures of one demonstration, drawn from its states."""
+"""The images of one demonstration, drawn from its states."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ocplanner.collection.settings import RenderSettings
 from ocplanner.collection.silhouettes import Hand, SilhouetteArm
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.segments import Segment
 from ocplanner.envs import make_env
-from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import task as task_of_name
-from ocplanner.envs.visuals import MASK_RGB, OBSERVE_MODES, visual_preset
-from ocplanner.errors import DatasetError, InvalidValueError, ShapeError, UnknownNameError
-from ocplanner.files.records.render import RenderRecord
-from ocplanner.settings import build
-from ocplanner.versions import installed
+from ocplanner.envs.visuals import MASK_RGB
+from ocplanner.errors import DatasetError, ShapeError
 
-FRAMES = ("all", "manipulation")
 _POSE_TOLERANCE_M = 1e-3
 
 
-@dataclass(frozen=True)
-class RenderSettings:
-    """What is drawn.
-
-    Attributes:
-        observe: ``"full"``, ``"masked"`` or ``"no-robot"``.
-        cameras: camera names.
-        size: width and height, pixels.
-        visual: visual preset.
-        silhouettes: arms whose masks are added; with ``"masked"`` only.
-        silhouette_stride: the silhouettes of every so many-th frame are drawn, the others stay empty.
-        frames: ``"all"``, or ``"manipulation"``: frames in which none of the task's objects is manipulated stay zero.
-
-    Raises:
-        InvalidValueError: a number is out of range, or silhouettes are asked for without masks.
-        UnknownNameError: a name is not known.
-    """
-
-    observe: str = "masked"
-    cameras: tuple[str, ...] = ("agentview",)
-    size: int = 84
-    visual: str = "fast"
-    silhouettes: tuple[str, ...] = ()
-    silhouette_stride: int = 1
-    frames: str = "all"
-
-    def __post_init__(self) -> None:
-        if self.observe not in OBSERVE_MODES:
-            raise UnknownNameError("observation", self.observe, OBSERVE_MODES)
-        if self.frames not in FRAMES:
-            raise UnknownNameError("choice of frames", self.frames, FRAMES)
-        visual_preset(self.visual)
-        for name in self.silhouettes:
-            robot_spec(name)
-        if self.silhouettes and self.observe != "masked":
-            raise InvalidValueError(f"silhouettes go with observe=masked, not with observe={self.observe}")
-        if not self.cameras:
-            raise InvalidValueError("no camera to render")
-        for name, value, most in (("size", self.size, 2048), ("silhouette_stride", self.silhouette_stride, 10_000)):
-            if not 1 <= value <= most:
-                raise InvalidValueError(f"{name} must be from 1 to {most}, not {value}")
-
-    def record(self) -> RenderRecord:
-        """What is stored with the data set."""
-        return build(RenderRecord, {**asdict(self), "mask_rgb": MASK_RGB, "versions": installed()})
-
-
 class FrameRenderer:
-    """Draws demonstrations of one task recorded with one arm; holds the environments that it needs.
+    """Draws demonstrations of one task that were recorded with one arm.
 
     Args:
         task_name: the task.
@@ -86,12 +34,10 @@ class FrameRenderer:
         self._task = task_of_name(task_name)
         size, visual = settings.size, settings.visual
         self._env = make_env(self._task, robot, cameras=settings.cameras, image_size=size, visual=visual)
-        self._arms = [
-            SilhouetteArm(self._task, robot, name, settings.cameras, size, visual) for name in settings.silhouettes
-        ]
+        self._arms = [SilhouetteArm(self._task, robot, name, settings) for name in settings.silhouette_arms]
 
     def render(self, demo: Demonstration) -> dict[str, np.ndarray]:
-        """The arrays to add to a demonstration of T steps, by path.
+        """The arrays to add to a demonstration of T steps, by path; frames that are not drawn are zero.
 
         ``obs/<camera>_image`` (T, h, w, 3) uint8; with ``masked`` also ``_empty`` (T, h, w, 3) uint8, ``_mask``
         (T, h, w) bool and, with K silhouettes, ``_silhouettes`` (T, K, h, w) bool.
@@ -123,7 +69,7 @@ class FrameRenderer:
             arm.close()
 
     def _segments(self, demo: Demonstration) -> list[Segment]:
-        """Where each of the task's objects is manipulated."""
+        """The kept steps of each of the task's objects."""
         if self._settings.frames == "all" and not self._arms:
             return []
         return [demo.manipulation(spec.name) for spec in self._task.objects]
@@ -144,7 +90,7 @@ class FrameRenderer:
         try:
             self._env.set_state(state)
         except ShapeError as error:
-            raise DatasetError(f"{demo!r}: states do not fit: {error}") from error
+            raise DatasetError(f"{demo!r}: {error}; record the demonstration again") from error
         for name, position in recorded.items():
             off = float(np.abs(self._env.object_pose(name).position - position).max())
             if off > _POSE_TOLERANCE_M:

@@ -1,34 +1,9 @@
 import numpy as np
-import pytest
 
 from ocplanner.collection.collect import collect
-from ocplanner.collection.frames import FrameRenderer, RenderSettings
+from ocplanner.collection.frame_renderer import FrameRenderer
+from ocplanner.collection.settings import CollectSettings, RenderSettings
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.recorded_task import segment_rule
-from ocplanner.demos.segments import manipulation_segment
-from ocplanner.errors import InvalidValueError, UnknownNameError
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"size": 0},
-        {"silhouette_stride": 0},
-        {"cameras": ()},
-        {"observe": "full", "silhouettes": ("IIWA",)},
-    ],
-)
-def test_impossible_settings_are_refused(wrong):
-    with pytest.raises(InvalidValueError):
-        RenderSettings(**wrong)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"observe": "half"}, {"frames": "some"}, {"visual": "nice"}, {"silhouettes": ("PR2",)}]
-)
-def test_unknown_names_are_refused(wrong):
-    with pytest.raises(UnknownNameError, match="known"):
-        RenderSettings(**wrong)
 
 
 def test_real_recordings_show_the_nut_and_the_arms(square_ph):
@@ -37,7 +12,7 @@ def test_real_recordings_show_the_nut_and_the_arms(square_ph):
     with Demonstrations(square_ph) as demos:
         demo = demos["demo_0"]
         arrays = renderer.render(demo)
-        segment = manipulation_segment(*demo.object_poses("SquareNut"), demo.actions[:, -1])
+        segment = demo.manipulation()
     renderer.close()
     kept = np.zeros(demo.length, bool)
     kept[segment.start : segment.stop] = True
@@ -52,15 +27,14 @@ def test_real_recordings_show_the_nut_and_the_arms(square_ph):
 
 
 def test_of_a_task_with_several_objects_the_frames_of_each_are_drawn(tmp_path):
-    collect(path := tmp_path / "demonstrations.hdf5", "ToolHang", episodes=1, noise=0.0)
+    collect(path := tmp_path / "demonstrations.hdf5", CollectSettings("ToolHang", episodes=1, noise=0.0))
     renderer = FrameRenderer("ToolHang", "Panda", RenderSettings(observe="no-robot", frames="manipulation", size=16))
     with Demonstrations(path) as demos:
         demo = demos[0]
         drawn = renderer.render(demo)["obs/agentview_image"].any((1, 2, 3))
         kept = np.zeros(demo.length, bool)
         for name in ("frame", "tool"):
-            rule = segment_rule("ToolHang", name)
-            segment = manipulation_segment(*demo.object_poses(name), demo.actions[:, -1], rule)
+            segment = demo.manipulation(name)
             kept[segment.start : segment.stop] = True
     renderer.close()
     np.testing.assert_array_equal(drawn, kept)
