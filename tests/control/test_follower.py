@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ocplanner.control.arm import Reading
-from ocplanner.control.follower import Follower
+from ocplanner.control.follower import Follower, Role
 from ocplanner.control.settings import ControlSettings, FollowSettings
+from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.errors import InvalidValueError, UnknownNameError
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import angle_between, yaw_rotation
@@ -35,6 +36,12 @@ class Floating:
         self.pose = Pose(position, target.rotation)
 
 
+def make(floating, yaw_fold: int, *, settings=None, reach=None, role=None, **how) -> Follower:
+    """A follower of an object that is described by keywords of ObjectSpec."""
+    spec = ObjectSpec("object", "joint", (), yaw_fold=yaw_fold, **how)
+    return Follower(settings or ControlSettings(), spec, floating.read(), reach, role or Role())
+
+
 def run(follower: Follower, floating: Floating, plan, horizon: int = 300) -> list[str]:
     phases = []
     for step in range(horizon):
@@ -51,7 +58,7 @@ def run(follower: Follower, floating: Floating, plan, horizon: int = 300) -> lis
 
 def test_carries_lets_down_and_releases():
     floating = Floating()
-    follower = Follower(ControlSettings(), 4, floating.read())
+    follower = make(floating, 4)
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
     assert list(dict.fromkeys(phases)) == ["lift", "transit", "align", "lower", "release"]
     assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
@@ -60,7 +67,7 @@ def test_carries_lets_down_and_releases():
 
 def test_an_object_that_is_to_stay_in_hand_is_kept_where_the_plans_end():
     floating = Floating()
-    follower = Follower(ControlSettings(), 0, floating.read(), let_go=False)
+    follower = make(floating, 0, let_go=False)
     height = START + np.array([0.0, 0.0, 0.1])
 
     def plan(_, here):
@@ -84,7 +91,7 @@ def test_an_object_that_is_to_stay_in_hand_is_kept_where_the_plans_end():
 def test_errors_of_single_plans_average_out():
     rng = np.random.default_rng(0)
     floating = Floating()
-    follower = Follower(ControlSettings(), 4, floating.read())
+    follower = make(floating, 4)
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, rng.normal(0, 0.006, 2), 0.0))
     assert phases[-1] == "release"
     assert floating.pose.position[:2] == pytest.approx(PEG, abs=SLACK)
@@ -92,7 +99,7 @@ def test_errors_of_single_plans_average_out():
 
 def test_searches_when_the_peg_is_seen_beside_its_place():
     floating = Floating()
-    follower = Follower(ControlSettings(), 4, floating.read())
+    follower = make(floating, 4)
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.array([0.009, 0.0]), 0.0))
     assert "unstick" in phases
     assert phases[-1] == "release"
@@ -102,7 +109,7 @@ def test_searches_when_the_peg_is_seen_beside_its_place():
 @pytest.mark.parametrize("wrong", [np.pi / 2, np.pi, -np.pi / 2])
 def test_a_yaw_wrong_by_the_goals_symmetry_does_not_turn_the_object(wrong):
     floating = Floating(yaw=0.4)
-    follower = Follower(ControlSettings(), 4, floating.read())
+    follower = make(floating, 4)
     largest = 0.0
 
     def plan(step, here):
@@ -116,7 +123,7 @@ def test_a_yaw_wrong_by_the_goals_symmetry_does_not_turn_the_object(wrong):
 
 def test_stuck_in_transit_lifts():
     floating = Floating()
-    follower = Follower(ControlSettings(), 4, floating.read())
+    follower = make(floating, 4)
     floating.pose = Pose(np.array([0.0, 0.1, 0.95]), np.eye(3))
     phases = []
     for _ in range(14):
@@ -130,7 +137,7 @@ def test_stuck_in_transit_lifts():
 @pytest.mark.parametrize("follow", ["time", "open-loop"])
 def test_other_modes_release_by_the_plan_alone(follow):
     floating = Floating()
-    follower = Follower(ControlSettings(follow=follow), 4, floating.read())
+    follower = make(floating, 4, settings=ControlSettings(follow=follow))
     floating.pose = Pose(np.array([*PEG, 0.99]), np.eye(3))
     follower.receive(*plan_to_peg(floating.pose, np.zeros(2), 0.0), floating.read())
     assert follower.command(floating.read()).phase == "transit"
@@ -174,7 +181,7 @@ class ShortArm:
 @pytest.mark.parametrize(("farthest", "turned"), [(1.0, False), (PEG[0] - 0.03, True)])
 def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned):
     floating = Carried()
-    follower = Follower(ControlSettings(), 4, floating.read(), ShortArm(farthest))
+    follower = make(floating, 4, reach=ShortArm(farthest))
     phases = run(follower, floating, lambda step, here: plan_to_peg(here, np.zeros(2), 0.0))
     assert phases[-1] == "release"
     assert (floating.read().eef.position[0] < floating.pose.position[0] - 0.05) == turned
@@ -182,7 +189,7 @@ def test_turns_the_object_so_that_a_short_arm_reaches_the_goal(farthest, turned)
 
 def test_an_object_that_is_inserted_is_released_where_it_rests():
     floating = Floating()
-    follower = Follower(ControlSettings(), 4, floating.read(), placing="insert", tolerance=(0.003, 0.05))
+    follower = make(floating, 4, placing="insert", tolerance=(0.003, 0.05))
     floor = 0.9  # where the plan ends, and nothing goes below
 
     def plan(step, here):
@@ -201,7 +208,7 @@ def test_an_object_that_is_inserted_is_released_where_it_rests():
 def test_an_object_that_is_traced_passes_each_pose_of_the_plan():
     """Down, and then aside, beneath an edge that the straight way would hit."""
     floating = Floating()
-    follower = Follower(ControlSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    follower = make(floating, 1, placing="trace", tolerance=(0.003, 0.06))
     corner, end = START + RAISED, START + RAISED + np.array([0.05, 0.0, 0.0])
     way = np.concatenate([np.linspace(START, corner, 20), np.linspace(corner, end, 15)])
 
@@ -228,7 +235,7 @@ def test_an_object_that_is_traced_passes_each_pose_of_the_plan():
 
 def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
     floating = Floating()
-    follower = Follower(ControlSettings(), 1, floating.read(), placing="trace", tolerance=(0.003, 0.06))
+    follower = make(floating, 1, placing="trace", tolerance=(0.003, 0.06))
     floating.pose = Pose(START + RAISED, np.eye(3))
     end = floating.pose.position - [0.0, 0.0, 0.04]
     targets = []
@@ -239,12 +246,11 @@ def test_a_traced_object_that_is_wedged_comes_free_and_tries_beside():
         command = follower.command(now)
         targets.append((command.phase, *command.target.position[:2]))
     assert "unstick" in [phase for phase, *_ in targets]
-    assert {round(x - START[0], 4) for phase, x, _ in targets if phase == "transit"} == {0.0, 0.0035, -0.0035}
+    assert {round(x - START[0], 4) for phase, x, _ in targets if phase == "trace"} == {0.0, 0.0035, -0.0035}
 
 
 def giver(floating: Floating, **how) -> Follower:
-    settings = ControlSettings()
-    return Follower(settings, 0, floating.read(), hands_over=True, turned=yaw_rotation(0.4), **how)
+    return make(floating, 0, role=Role(given_rotation=yaw_rotation(0.4)), **how)
 
 
 def test_an_object_for_another_hand_is_brought_to_where_the_plans_end_and_held_there():

@@ -5,12 +5,14 @@ import pytest
 
 from ocplanner.control.arm import OPEN, STAY, Reading
 from ocplanner.control.grasp import choose_grasp, leaning, opening_before, toward
+from ocplanner.control.settings import GraspSettings
 from ocplanner.envs.robots import robot
 from ocplanner.envs.tasks import task
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import angle_between
 
 NUT = task("Square").object()
+GRASP = GraspSettings()
 
 
 class Wrist:
@@ -57,11 +59,11 @@ def test_the_grasp_that_turns_the_wrist_least_unless_it_would_reach_its_limit():
     first, second = (grasp.pose_object_eef for grasp in NUT.grasps)
     nut = Pose(np.array([0.4, 0.1, 0.83]), np.eye(3))
     now = Reading(nut, Pose(np.zeros(3), second.rotation), 0.08)
-    assert angle_between(choose_grasp(NUT, robot("Panda"), now).rotation, second.rotation) < 1e-6
+    assert angle_between(choose_grasp(NUT, robot("Panda"), now, GRASP).rotation, second.rotation) < 1e-6
     free = Wrist(None)
-    assert angle_between(choose_grasp(NUT, robot("IIWA"), now, free).rotation, second.rotation) < 1e-6
+    assert angle_between(choose_grasp(NUT, robot("IIWA"), now, GRASP, free).rotation, second.rotation) < 1e-6
     assert abs(free.turns[0]) == pytest.approx(np.pi)  # the handle points away from the robot
-    chosen = choose_grasp(NUT, robot("IIWA"), now, Wrist(second.rotation))
+    chosen = choose_grasp(NUT, robot("IIWA"), now, GRASP, Wrist(second.rotation))
     assert angle_between(chosen.rotation, first.rotation) < 1e-6
 
 
@@ -71,7 +73,7 @@ def test_a_spare_finger_points_away_from_an_object_that_is_held_beside_its_middl
     rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
     first = NUT.grasps[0].pose_object_eef
     now = Reading(Pose(np.array([0.4, 0.1, 0.83]), np.eye(3)), Pose(np.zeros(3), rotation @ first.rotation), 0.08)
-    chosen = choose_grasp(NUT, jaco, now, Wrist(None))
+    chosen = choose_grasp(NUT, jaco, now, GRASP, Wrist(None))
     spare = chosen.position - 0.02 * chosen.rotation[:, 1]
     assert spare[0] > first.position[0] + 0.03  # beyond the handle's end
     held = chosen.position + chosen.rotation @ jaco.middle
@@ -84,7 +86,7 @@ def test_where_a_spare_finger_has_no_room_at_all_a_grasp_is_chosen_all_the_same(
     one_sided = replace(NUT, grasps=(NUT.grasps[0],))
     other = replace(NUT, grasps=(NUT.grasps[1],))
     now = Reading(Pose(np.zeros(3), np.eye(3)), Pose(np.zeros(3), np.eye(3)), 0.08)
-    assert {choose_grasp(spec, inner, now).position.size for spec in (one_sided, other)} == {3}
+    assert {choose_grasp(spec, inner, now, GRASP).position.size for spec in (one_sided, other)} == {3}
 
 
 def test_a_slow_gripper_opens_as_far_as_the_object_needs_and_others_fully():

@@ -1,46 +1,49 @@
-"""An imperfect estimator of the object's pose, before an arm that only counts its steps."""
+"""An imperfect estimator of object poses, before a work cell that only counts its steps."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ocplanner.control.noisy_pose import NoisyPoseArm, PoseError, parse_noise
+from floating_cell import FloatingArm
+from ocplanner.control.noisy_pose import NoisyPoseCell, PoseError, parse_noise
+from ocplanner.envs.robots import RobotSpec
 from ocplanner.errors import InvalidValueError
 from ocplanner.geometry.pose import Pose
 
 
 class Counting:
-    """An arm whose object moves 1 m along x in each step."""
+    """A work cell whose objects move 1 m along x in each step."""
 
-    base_rotation = np.eye(3)
-    gripper_opening = 0.04
+    robot = RobotSpec("Panda")
 
     def __init__(self) -> None:
         self.steps = 0
+        self.arms = [FloatingArm(Pose(np.array([0.0, 0.0, 1.0]), np.eye(3)))]
 
     def step(self, action) -> None:
         self.steps += 1
 
-    def object_pose(self) -> Pose:
+    def object_pose(self, name: str) -> Pose:
         return Pose(np.array([float(self.steps), 0.0, 0.0]), Rotation.from_euler("z", 0.3).as_matrix())
 
-    def eef_pose(self) -> Pose:
-        return Pose(np.array([0.0, 0.0, 1.0]), np.eye(3))
+
+def noisy(error: PoseError, seed: int) -> NoisyPoseCell:
+    return NoisyPoseCell(Counting(), ["nut", "peg"], error, seed)
 
 
-def readings(error: PoseError, seed: int, steps: int) -> list[Pose]:
-    arm = NoisyPoseArm(Counting(), error, seed)
-    poses = [arm.object_pose()]
+def readings(error: PoseError, seed: int, steps: int, name: str = "nut") -> list[Pose]:
+    cell = noisy(error, seed)
+    poses = [cell.object_pose(name)]
     for _ in range(steps):
-        arm.step(np.zeros(7))
-        poses.append(arm.object_pose())
+        cell.step(np.zeros(7))
+        poses.append(cell.object_pose(name))
     return poses
 
 
 def errors(error: PoseError, steps: int = 4000) -> tuple[np.ndarray, np.ndarray]:
     """Of position (N, 3), metres, and of rotation (N, 3), rotation vectors in radians."""
     poses = readings(error, 0, steps)
-    turns = np.array([pose.rotation for pose in poses]) @ Counting().object_pose().rotation.T
+    turns = np.array([pose.rotation for pose in poses]) @ Counting().object_pose("nut").rotation.T
     positions = np.array([pose.position for pose in poses])
     positions[:, 0] -= np.arange(len(poses))
     return positions, Rotation.from_matrix(turns).as_rotvec()
@@ -56,13 +59,26 @@ def test_the_noise_has_the_size_asked_for_in_every_direction_and_no_bias():
 
 
 def test_one_estimate_a_step_and_the_seed_decides():
-    arm = NoisyPoseArm(Counting(), PoseError(5.0, 2.0), 3)
-    assert np.array_equal(arm.object_pose().position, arm.object_pose().position)
+    cell = noisy(PoseError(5.0, 2.0), 3)
+    assert np.array_equal(cell.object_pose("nut").position, cell.object_pose("nut").position)
     first, again, other = (readings(PoseError(5.0, 2.0), seed, 3)[-1] for seed in (3, 3, 4))
     assert np.array_equal(first.position, again.position)
     assert not np.array_equal(first.position, other.position)
     small, large = (errors(PoseError(size, 0.0), 5)[0] for size in (1.0, 10.0))
     assert large == pytest.approx(10 * small)
+
+
+def test_each_object_has_noise_of_its_own():
+    nut, peg = (readings(PoseError(5.0, 2.0), 3, 3, name) for name in ("nut", "peg"))
+    assert not any(np.allclose(a.position, b.position) for a, b in zip(nut, peg, strict=True))
+
+
+def test_the_first_objects_draws_are_those_of_an_episode_with_one_object():
+    """The results under noise were made with these draws."""
+    rng = np.random.default_rng([0x705E, 3])
+    error = PoseError(5.0, 2.0)
+    expected = [error.disturb(Pose(np.array([step, 0.0, 0.0]), np.eye(3)), rng).position for step in range(4)]
+    assert np.array_equal([pose.position for pose in readings(error, 3, 3)], expected)
 
 
 def test_estimates_come_late():
@@ -71,12 +87,13 @@ def test_estimates_come_late():
 
 
 def test_without_an_error_the_pose_is_exact_and_all_else_always_is():
-    arm, exact = NoisyPoseArm(Counting(), PoseError(), 0), Counting()
-    assert np.array_equal(arm.object_pose().position, exact.object_pose().position)
-    assert np.array_equal(arm.object_pose().rotation, exact.object_pose().rotation)
-    wrong = NoisyPoseArm(Counting(), PoseError(50.0, 50.0, 5), 0)
-    assert np.array_equal(wrong.eef_pose().position, exact.eef_pose().position)
-    assert wrong.gripper_opening == exact.gripper_opening
+    cell, exact = noisy(PoseError(), 0), Counting()
+    assert np.array_equal(cell.object_pose("nut").position, exact.object_pose("nut").position)
+    assert np.array_equal(cell.object_pose("nut").rotation, exact.object_pose("nut").rotation)
+    wrong = noisy(PoseError(50.0, 50.0, 5), 0)
+    assert np.array_equal(wrong.arms[0].eef_pose().position, exact.arms[0].eef_pose().position)
+    assert wrong.arms[0].gripper_opening == exact.arms[0].gripper_opening
+    assert wrong.robot is exact.robot
 
 
 def test_labels_name_what_is_wrong():

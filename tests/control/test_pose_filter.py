@@ -1,10 +1,12 @@
 """The filter before an arm whose hand carries its object, or not."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ocplanner.control.noisy_pose import NoisyPoseArm, PoseError
+from ocplanner.control.noisy_pose import PoseError
 from ocplanner.control.pose_filter import FilteredArm
 from ocplanner.geometry.pose import Pose
 
@@ -38,6 +40,29 @@ class Carrying:
         return self.hand
 
 
+class Estimated:
+    """The same arm, its object's pose noisy and late."""
+
+    base_rotation, gripper_opening = Carrying.base_rotation, Carrying.gripper_opening
+
+    def __init__(self, truth: Carrying, error: PoseError) -> None:
+        self.truth, self.error, self.rng = truth, error, np.random.default_rng(0)
+        self.seen = deque([self.estimate()], maxlen=error.latency_steps + 1)
+
+    def estimate(self) -> Pose:
+        return self.error.disturb(self.truth.object, self.rng)
+
+    def step(self, action) -> None:
+        self.truth.step(action)
+        self.seen.append(self.estimate())
+
+    def object_pose(self) -> Pose:
+        return self.seen[0]
+
+    def eef_pose(self) -> Pose:
+        return self.truth.hand
+
+
 def off(arm: FilteredArm, truth: Carrying) -> float:
     """Distance of what is read from the truth, metres, a radian counted as 1 m."""
     read = arm.object_pose()
@@ -49,7 +74,7 @@ def off(arm: FilteredArm, truth: Carrying) -> float:
 @pytest.mark.parametrize("action", [OPEN, CLOSE])
 def test_without_noise_nothing_lags_behind(action, latency):
     truth = Carrying()
-    arm = FilteredArm(NoisyPoseArm(truth, PoseError(latency_steps=latency), 0), 8, latency)
+    arm = FilteredArm(Estimated(truth, PoseError(latency_steps=latency)), 8, latency)
     for _ in range(20):
         arm.step(action)
         assert off(arm, truth) < 1e-9
@@ -58,7 +83,7 @@ def test_without_noise_nothing_lags_behind(action, latency):
 
 def test_grasping_and_letting_go_leave_no_jump():
     truth = Carrying()
-    arm = FilteredArm(NoisyPoseArm(truth, PoseError(), 0), 8, 0)
+    arm = FilteredArm(Estimated(truth, PoseError()), 8, 0)
     for action in (OPEN, CLOSE, STAY, STAY, CLOSE, OPEN, STAY, OPEN, CLOSE):
         arm.step(action)
         assert off(arm, truth) < 1e-9
@@ -68,7 +93,7 @@ def test_grasping_and_letting_go_leave_no_jump():
 def test_noise_is_averaged_out(action):
     def error(steps: int) -> float:
         truth = Carrying()
-        arm = FilteredArm(NoisyPoseArm(truth, PoseError(5.0, 2.0), 0), steps, 0)
+        arm = FilteredArm(Estimated(truth, PoseError(5.0, 2.0)), steps, 0)
         found = []
         for _ in range(400):
             arm.step(action)

@@ -131,7 +131,7 @@ def test_objects_are_placed_one_after_another():
         planners = replays(env, 501)
         episode = run_episode(env, planners, 501, observe=lambda env: {})
         assert episode.success, (episode.failure, episode.failed_with)
-        assert list(dict.fromkeys(episode.trace.in_play)) == ["frame", "tool"]
+        assert list(dict.fromkeys(episode.trace.objects)) == ["frame", "tool"]
         planners = {"frame": Replay(env, "frame", planners["frame"].poses), "tool": Motionless(env)}
         lone = run_episode(env, planners, 501, observe=lambda env: {})
     assert not lone.success
@@ -144,6 +144,6 @@ def test_two_arms_hand_an_object_over():
         planners["payload:0"].plans_rotation = planners["payload:1"].plans_rotation = False
         episode = run_episode(env, planners, 503, observe=lambda env: {})
         assert episode.success, (episode.failure, episode.failed_with)
-        assert list(dict.fromkeys(episode.trace.in_play)) == ["lid", "trash", "payload"]
+        assert list(dict.fromkeys(episode.trace.objects)) == ["lid", "trash", "payload"]
         assert episode.trace.phases.count("hand over") > 20
         assert np.linalg.norm(env.arms[0].eef_pose().position - env.object_pose("payload").position) > 0.3

@@ -5,43 +5,45 @@ from dataclasses import replace
 import numpy as np
 
 from ocplanner.control.arm import Reachability
+from ocplanner.control.settings import SeveralArmsSettings
 from ocplanner.envs.tasks import ObjectSpec
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import yaw_rotation
 
-_LEAN = 0.25  # rad: the taker's palm is tilted away from the giver's, or their wrists meet
-_FAR = 0.5  # m: a hand does not go toward a meeting that is farther from where it waits
-_BESIDE, _ABOVE = 0.13, 0.08  # m from the meeting, where the taker waits
 
-
-def ready_beside(meeting: np.ndarray, home: Pose) -> Pose:
+def ready_beside(meeting: np.ndarray, home: Pose, settings: SeveralArmsSettings) -> Pose:
     """Where the taker waits for what a plan leads to a place, turned as at home; at home while that is far.
 
     Args:
         meeting: (3,) the plan's end, world, metres.
         home: of the taker's hand, world.
+        settings: ``far``, ``beside`` and ``above``.
     """
     way = (home.position - meeting) * [1, 1, 0]
     distance = float(np.linalg.norm(way))
-    if not _BESIDE < distance < _FAR:
+    if not settings.beside < distance < settings.far:
         return home
-    return home._replace(position=meeting + _BESIDE * way / distance + [0.0, 0.0, _ABOVE])
+    return home._replace(position=meeting + settings.beside * way / distance + [0.0, 0.0, settings.above])
 
 
-def ends_for_hands(spec: ObjectSpec, pose_object: Pose, reach: Reachability) -> tuple[ObjectSpec, ObjectSpec]:
+def ends_for_hands(
+    spec: ObjectSpec, pose_object: Pose, reach: Reachability, settings: SeveralArmsSettings
+) -> tuple[ObjectSpec, ObjectSpec]:
     """The object as the giver takes it and as the taker does: the giver's end is the one nearer to itself.
 
     Args:
         spec: the object.
         pose_object: where it lies, world.
         reach: the giver's.
+        settings: ``lean`` is the taker's.
     """
     outward = reach.outward(pose_object.position)
-    pairs = [(spec.held_at(near), replace(spec.held_at(far), hover=None, lean=_LEAN)) for near, far in spec.ends]
+    taken = replace(spec, hover=None, lean=settings.lean)
+    pairs = [(spec.held_at(near), taken.held_at(far)) for near, far in spec.ends]
     return max(pairs, key=lambda pair: float((_middle(pair[1], pose_object) - _middle(pair[0], pose_object)) @ outward))
 
 
-def across(pose_object: Pose, held: ObjectSpec, left: ObjectSpec, way: np.ndarray) -> np.ndarray:
+def rotation_to_taker(pose_object: Pose, held: ObjectSpec, left: ObjectSpec, way: np.ndarray) -> np.ndarray:
     """(3, 3) the object's rotation, turned about the world's z until the end that is left points to the taker.
 
     Args:

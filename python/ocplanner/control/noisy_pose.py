@@ -1,12 +1,14 @@
 """Object poses as an imperfect estimator gives them: noisy, and late."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
-from ocplanner.control.arm import Arm
+from ocplanner.control.arm import CellArm, WorkCell
+from ocplanner.envs.robots import RobotSpec
 from ocplanner.errors import InvalidValueError
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import rotation_exp
@@ -19,19 +21,16 @@ _STREAM = 0x705E
 class PoseError:
     """How wrong an estimator is.
 
-    Attributes:
-        position_mm: standard deviation of the position along each axis of the world, millimetres.
-        rotation_deg: standard deviation of the angle by which the rotation is off, about an axis of any direction,
-            degrees.
-        latency_steps: age of an estimate when it is read, control steps (0.05 s).
-
     Raises:
-        InvalidValueError: one is negative or not finite.
+        InvalidValueError: a number is negative or not finite.
     """
 
     position_mm: float = 0.0
+    """Standard deviation of the position along each axis of the world, millimetres."""
     rotation_deg: float = 0.0
+    """Standard deviation of the angle by which the rotation is off, about an axis of any direction, degrees."""
     latency_steps: int = 0
+    """Age of an estimate when it is read, control steps (0.05 s)."""
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -74,46 +73,45 @@ def parse_noise(text: str) -> tuple[float, float]:
     return millimetres, degrees
 
 
-class NoisyPoseArm:
-    """An arm whose program reads the object's pose from an imperfect estimator; its own joints and fingers are exact.
+class NoisyPoseCell:
+    """A work cell whose object poses come from an imperfect estimator; the arms' joints and fingers are exact.
 
-    There is one estimate a control step, however often it is read, with noise of its own. The first one is read until
-    it is as old as the latency. The draws depend on the seed alone: a larger error is the same one enlarged.
+    There is one estimate of each object a control step, however often it is read, with noise of its own. The first one
+    is read until it is as old as the latency. Each object has a stream of draws for the whole episode, which depends on
+    the seed and the object's place in ``names`` alone: a larger error is the same one enlarged.
 
     Args:
-        arm: the arm, its episode just begun.
+        cell: the work cell, its episode just begun.
+        names: of its objects.
         error: how wrong.
         seed: of the episode.
     """
 
-    def __init__(self, arm: Arm, error: PoseError, seed: int) -> None:
-        self._arm, self._error = arm, error
-        self._rng = np.random.default_rng([_STREAM, seed])
-        self._estimates: deque[Pose] = deque(maxlen=error.latency_steps + 1)
+    def __init__(self, cell: WorkCell, names: Sequence[str], error: PoseError, seed: int) -> None:
+        self._cell, self._error = cell, error
+        self._rngs = {name: np.random.default_rng([_STREAM, seed, number]) for number, name in enumerate(names)}
+        self._estimates = {name: deque[Pose](maxlen=error.latency_steps + 1) for name in names}
         self._estimate()
 
     def _estimate(self) -> None:
-        self._estimates.append(self._error.disturb(self._arm.object_pose(), self._rng))
+        for name, rng in self._rngs.items():
+            self._estimates[name].append(self._error.disturb(self._cell.object_pose(name), rng))
 
     def step(self, action: np.ndarray) -> None:
-        """One control step of the arm, and the estimate after it."""
-        self._arm.step(action)
+        """One control step of all arms, and the estimates after it."""
+        self._cell.step(action)
         self._estimate()
 
-    def object_pose(self) -> Pose:
+    def object_pose(self, name: str) -> Pose:
         """The newest estimate that has come through."""
-        return self._estimates[0]
-
-    def eef_pose(self) -> Pose:
-        """The arm's own, exact."""
-        return self._arm.eef_pose()
+        return self._estimates[name][0]
 
     @property
-    def base_rotation(self) -> np.ndarray:
-        """The arm's own."""
-        return self._arm.base_rotation
+    def robot(self) -> RobotSpec:
+        """The cell's own."""
+        return self._cell.robot
 
     @property
-    def gripper_opening(self) -> float:
-        """The arm's own."""
-        return self._arm.gripper_opening
+    def arms(self) -> Sequence[CellArm]:
+        """The cell's own."""
+        return self._cell.arms

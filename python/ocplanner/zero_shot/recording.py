@@ -47,6 +47,6 @@ class Recorder:
         captions = [Caption(robot, seed, f"{phase} · step {step}") for step, phase in enumerate(trace.phases[:-1])]
         outcome = "success" if episode.success else str(episode.failure)
         captions.append(Caption(robot, seed, f"step {last}", outcome, GOOD if episode.success else BAD))
-        achieved_world = [positions[name] for positions, name in zip(self._positions, trace.in_play)]
+        achieved_world = [positions[name] for positions, name in zip(self._positions, trace.objects)]
         achieved = project(_CAMERA, np.array(achieved_world), _SIDE, _SIDE)
         return write_episode_video(path, self.frames, planned, achieved, captions=captions)

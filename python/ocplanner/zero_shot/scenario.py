@@ -1,13 +1,10 @@
 """What one episode of a transfer needs, and its run in a worker."""
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
-from ocplanner.control.arm import Arm
 from ocplanner.control.noisy_mask import NoisyMask
-from ocplanner.control.noisy_pose import NoisyPoseArm, PoseError
-from ocplanner.control.pose_filter import FilteredArm
+from ocplanner.control.noisy_pose import PoseError
 from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.environment import CONTROL_LOOPS, ManipulationEnv, make_env
 from ocplanner.envs.robots import robot as robot_spec
@@ -63,11 +60,6 @@ class Scenario:
         """The file that an episode is recorded to, or None if it is not recorded."""
         return self.videos / f"episode_{seed}.mp4" if self.videos is not None and seed in self.filmed else None
 
-    def sense(self, arm: Arm, seed: int) -> Arm:
-        """What the program senses of the arm in the episode of a seed, and acts through."""
-        erring = NoisyPoseArm(arm, self.pose_error, seed)
-        return FilteredArm(erring, self.pose_filter, self.pose_error.latency_steps) if self.pose_filter > 1 else erring
-
     def make(self) -> "Stage":
         """Load the planners and put the robot before their task."""
         env = make_env(
@@ -102,7 +94,8 @@ class Stage:
             seed,
             scenario.settings,
             observe=sight.observe,
-            sense=partial(scenario.sense, seed=seed),
+            pose_error=scenario.pose_error,
+            pose_filter=scenario.pose_filter,
             on_step=recorder,
         )
         if recorder is not None and video is not None:
