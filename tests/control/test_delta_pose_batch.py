@@ -61,7 +61,7 @@ def test_bad_input():
     with pytest.raises(ShapeError, match="chosen"):
         batch.set_plans(plans, None, here, np.ones(ENVIRONMENTS))  # type: ignore[arg-type]
     for count in (-1, 1 << 40, 1 << 70):
-        with pytest.raises(InvalidValueError, match=r"environments|no count"):
+        with pytest.raises(InvalidValueError, match=r"environments|not a count"):
             _core.DeltaPoseBatch(count)
     with pytest.raises(InvalidValueError, match="follow"):
         _core.DeltaPoseBatch(2, "blind")

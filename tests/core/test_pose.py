@@ -61,7 +61,7 @@ def test_recorded_quaternions_round_as_in_numpy() -> None:
 
 @pytest.mark.parametrize("component", [0.0, np.nan, np.inf, -np.inf])
 def test_quaternions_without_a_direction_are_errors(component: float) -> None:
-    with pytest.raises(InvalidValueError, match=r"quaternion .*finite and different from zero"):
+    with pytest.raises(InvalidValueError, match=r"quaternion .*finite numbers that are not all zero"):
         _core.rotation_from_quat_xyzw(np.full((3, 4), component))
 
 
@@ -93,16 +93,6 @@ def test_any_leading_shape(leading: tuple[int, ...]) -> None:
     assert _core.geodesic_angle(rotation, rotation).shape == leading
 
 
-def test_poses_compose_and_invert() -> None:
-    a, b = (np.array([1.0, 2, 3]), rotations(1, 1)[0]), (np.array([-0.5, 0.1, 4]), rotations(2, 1)[0])
-    position, rotation = _core.compose_poses(a, b)
-    np.testing.assert_allclose(position, a[1] @ b[0] + a[0], atol=1e-14)
-    np.testing.assert_allclose(rotation, a[1] @ b[1], atol=1e-14)
-    position, rotation = _core.compose_poses(a, _core.invert_pose(a))
-    np.testing.assert_allclose(position, 0, atol=1e-14)
-    np.testing.assert_allclose(rotation, np.eye(3), atol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("array", "message"),
     [
@@ -126,9 +116,9 @@ def test_bad_numbers_are_errors() -> None:
         _core.rotation_from_6d(np.zeros(6))
     with pytest.raises(InvalidValueError, match="quaternion"):
         _core.rotation_from_quat_xyzw(np.zeros(4))
-    with pytest.raises(InvalidValueError, match="not a rotation matrix"):
+    with pytest.raises(InvalidValueError, match="expected a rotation matrix"):
         _core.rotation_log(np.full((3, 3), np.nan))
-    with pytest.raises(InvalidValueError, match="not finite"):
+    with pytest.raises(InvalidValueError, match=r"rotation vector: found .* expected finite numbers"):
         _core.rotation_exp(np.array([np.inf, 0, 0]))
     with pytest.raises(ShapeError, match="differ"):
         _core.geodesic_angle(np.eye(3), np.eye(3)[None])

@@ -259,7 +259,7 @@ def test_actions_are_checked(panda: Any) -> None:
         ({"arm_actuators": [99] * 7}, InvalidValueError, "arm_actuators: 99"),
         ({"gripper_actuators": [99]}, InvalidValueError, "gripper_actuators: 99"),
         ({"joint_qpos": [], "joint_qvel": [], "arm_actuators": []}, InvalidValueError, "joints"),
-        ({"eef_site": -1}, InvalidValueError, "-1 is no count or index"),
+        ({"eef_site": -1}, InvalidValueError, "-1 is not a count or an index"),
     ],
 )
 def test_wrong_indices_are_errors(panda: Any, wrong: dict[str, Any], error: type[Exception], message: str) -> None:
@@ -308,9 +308,9 @@ def test_several_arms_are_led_by_one_loop() -> None:
     elsewhere = _loop(env, mujoco.MjData(env.sim.model._model), 1)
     for leader, added, message in [
         (first, first, "itself"),
-        (first, second, "takes part once"),
-        (second, lone, "takes part once"),
-        (lone, first, "leads others"),
+        (first, second, "added to another before"),
+        (second, lone, "added to another before"),
+        (lone, first, "loops of its own"),
         (first, full, "lite_physics"),
         (first, elsewhere, "data differ"),
     ]:

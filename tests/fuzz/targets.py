@@ -76,15 +76,14 @@ def _delta_pose_action(choices: Choices) -> None:
 def _delta_pose_controller(choices: Choices) -> None:
     follow = choices.pick(("gated", "time", "open-loop", "", "\ud800", None))
     gates = {name: number(choices, 0.1) for name in ("gate_position", "gate_rotation") if choices.chance(2)}
-    controller = _core.DeltaPoseController(follow, **gates, law=_law(choices))
-    for _ in range(choices.index(4)):
-        if choices.chance(3):
+    controller = _core.DeltaPoseController(follow, **gates)
+    for turn in range(choices.index(4)):
+        if turn == 0 or choices.chance(3):
             steps = choices.pick((3, 1, 0))
             rotations: Any = np.broadcast_to(np.eye(3), (steps, 3, 3)).copy()
             rotations = None if choices.chance(3) else array(choices, rotations)
             controller.set_plan(array(choices, np.full((steps, 3), 0.2)), rotations, _pose(choices))
-        target = controller.target(_pose(choices)) if choices.chance(2) else _pose(choices)
-        _check_action(controller.action(_pose(choices), target, _pose(choices), array(choices, np.eye(3))))
+        _require_finite("target", *controller.target(_pose(choices)))
         _ = (controller.index, controller.at_end)
 
 
@@ -92,9 +91,9 @@ def _delta_pose_batch(choices: Choices) -> None:
     count = choices.pick((2, 1, 0))
     follow = choices.pick(("gated", "time", "open-loop", "", "\ud800", None))
     environments: Any = choices.pick((-1, 1 << 40, 1 << 70, None, "2")) if choices.chance(8) else count
-    batch = _core.DeltaPoseBatch(environments, follow, law=_law(choices))
-    for _ in range(choices.index(4)):
-        if choices.chance(3):
+    batch = _core.DeltaPoseBatch(environments, follow)
+    for turn in range(choices.index(4)):
+        if turn == 0 or choices.chance(3):
             steps = choices.pick((3, 1, 0))
             rotations: Any = np.broadcast_to(np.eye(3), (count, steps, 3, 3)).copy()
             rotations = None if choices.chance(3) else array(choices, rotations)
@@ -236,14 +235,6 @@ def _simd_level(choices: Choices) -> None:
     _core.simd_level()
 
 
-def _two_poses(choices: Choices) -> None:
-    _core.compose_poses(_pose(choices), _pose(choices))
-
-
-def _one_pose(choices: Choices) -> None:
-    _core.invert_pose(_pose(choices))
-
-
 TARGETS: dict[str, tuple[Callable[[Choices], None], ...]] = {
     "PlannerEngine": (_planner_file, _planner_images),
     "ControlLoop": (_control_loop,),
@@ -252,8 +243,6 @@ TARGETS: dict[str, tuple[Callable[[Choices], None], ...]] = {
     "DeltaPoseController": (_delta_pose_controller,),
     "DeltaPoseLaw": (_law,),
     "delta_pose_action": (_delta_pose_action,),
-    "compose_poses": (_two_poses,),
-    "invert_pose": (_one_pose,),
     "geodesic_angle": (_rows(_core.geodesic_angle, (3, 3), count=2),),
     "quat_wxyz_from_rotation": (_rows(_core.quat_wxyz_from_rotation, (3, 3)),),
     "quat_xyzw_from_rotation": (_rows(_core.quat_xyzw_from_rotation, (3, 3)),),

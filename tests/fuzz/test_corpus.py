@@ -78,7 +78,7 @@ CALLS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
         lambda: _core.PlannerEngine(_valid_file()).plan(np.broadcast_to(np.uint8(0), (1 << 40, 1, 6, 6, 3))),  # type: ignore[arg-type]
     ),
     "pose of one": (ShapeError, lambda: _core.delta_pose_action((np.zeros(3),), POSE, POSE, EYE)),  # type: ignore[arg-type]
-    "pose of three": (ShapeError, lambda: _core.invert_pose((np.zeros(3), EYE, EYE))),  # type: ignore[arg-type]
+    "pose of three": (ShapeError, lambda: _core.delta_pose_action((np.zeros(3), EYE, EYE), POSE, POSE, EYE)),  # type: ignore[arg-type]
     "misaligned position": (ShapeError, lambda: _core.delta_pose_action((misaligned(), EYE), POSE, POSE, EYE)),
     "result of 33 axes": (ShapeError, lambda: _core.rotation_exp(np.zeros((1,) * 31 + (3,)))),
     "misaligned rows": (ShapeError, lambda: _core.rotation_exp(misaligned())),
@@ -104,9 +104,9 @@ def test_a_tiny_scale_keeps_the_action_within_limits() -> None:
 def test_impossible_counts_are_named(threads: int) -> None:
     engine = _core.PlannerEngine(_valid_file())
     images = [np.zeros((1, 6, 6, 3), np.uint8)]
-    with pytest.raises(InvalidValueError, match=f"^{threads} is no count"):
+    with pytest.raises(InvalidValueError, match=f"^{threads} is not a count"):
         engine.plan(images, False, threads)
-    with pytest.raises(InvalidValueError, match=f"^{threads} is no count"):
+    with pytest.raises(InvalidValueError, match=f"^{threads} is not a count"):
         engine.plan(images, False, 1, threads)
 
 

@@ -90,11 +90,11 @@ class Planner:
             MismatchError: a camera is missing.
             ShapeError: an array has the wrong shape, dtype or memory order.
         """
-        return Plan(*self.engine.plan(self.arrays(images), False, threads, steps))
+        return Plan(*self.engine.plan(self.arrays(images), threads=threads, steps=steps))
 
     def plan_modes(self, images: Images, threads: int = 1) -> Plan:
         """Plan with every mode, in the network's order: the arrays get a second axis M. Otherwise as :meth:`plan`."""
-        return Plan(*self.engine.plan(self.arrays(images), True, threads))
+        return Plan(*self.engine.plan(self.arrays(images), all_modes=True, threads=threads))
 
     def encode(self, images: Images, threads: int = 1) -> NDArray[np.float32]:
         """Latent means (B, latent) of the most probable mode of each image. Raises as :meth:`plan`."""

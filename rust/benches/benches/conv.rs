@@ -1,10 +1,11 @@
-//! Convolutions of the shapes that the encoders have, for 76-pixel crops.
+//! Convolutions of the encoders' shapes, for 76-pixel crops.
 #![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::{noise, on_every_level};
-use ocplanner_core::nn::conv::{Conv, ConvWeights, Plane, Window};
-use ocplanner_core::nn::kernels::{Buffer, Storage, padded};
+use ocplanner_core::nn::activation_map::{ActivationMap, Window};
+use ocplanner_core::nn::conv::{Conv, ConvWeights};
+use ocplanner_core::nn::kernels::{Buffer, Nonlinearity, Residual, Storage, padded};
 use ocplanner_core::nn::winograd::WinogradWorkspace;
 
 /// Name, side of the input, channels in and out, kernel, stride.
@@ -26,21 +27,22 @@ fn convolutions(criterion: &mut Criterion) {
     for (name, side, inputs, outputs, kernel, stride) in SHAPES {
         let window = Window { kernel, stride, padding: kernel / 2 };
         let channels = if inputs < 16 { inputs } else { padded(inputs) };
-        let plane = Plane::new(side, side, channels, kernel / 2).expect("a possible shape");
+        let map = ActivationMap::new(side, side, channels, kernel / 2).expect("a possible shape");
         let (weight, bias) = (noise(outputs * inputs * kernel * kernel), noise(outputs));
         let weights = ConvWeights { weight: &weight, bias: &bias, inputs, scale: 1.0 };
         on_every_level(criterion, name, |group, level| {
             for (label, storage, batch) in
                 [("batch 1", Storage::F32, 1), ("batch 1 bf16", Storage::Bf16, 1), ("batch 16", Storage::F32, 16)]
             {
-                let conv = Conv::new(level, storage, weights, window, plane, 1, true).expect("a possible shape");
-                let input = noise(batch * plane.len());
+                let conv =
+                    Conv::new(level, storage, weights, window, map, 1, Nonlinearity::Relu).expect("a possible shape");
+                let input = noise(batch * map.len());
                 let mut output = Buffer::zeros(batch * conv.output.len());
                 let products = batch * conv.output.height * conv.output.width * weight.len();
                 group.throughput(Throughput::Elements(products as u64));
                 let mut workspace = WinogradWorkspace::default();
                 group.bench_function(label, |bench| {
-                    bench.iter(|| conv.run(batch, &input, &mut output, false, &mut workspace));
+                    bench.iter(|| conv.run(batch, &input, &mut output, Residual::None, &mut workspace));
                 });
             }
         });

@@ -5,7 +5,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use ocplanner_benches::{noise, on_every_level};
-use ocplanner_core::nn::kernels::{Buffer, Storage, padded};
+use ocplanner_core::nn::kernels::{Buffer, Nonlinearity, Storage, padded};
 use ocplanner_core::nn::linear::Linear;
 
 /// Name, inputs, outputs.
@@ -24,7 +24,7 @@ fn linears(criterion: &mut Criterion) {
                 [("1 row", Storage::F32, 1), ("1 row bf16", Storage::Bf16, 1), ("64 rows", Storage::F32, 64)]
             {
                 let at = |out: usize, k: usize| if k < inputs { weight[out * inputs + k] } else { 0.0 };
-                let linear = Linear::new(level, storage, outputs, padded(inputs), at, &bias, true);
+                let linear = Linear::new(level, storage, outputs, padded(inputs), at, &bias, Nonlinearity::Relu);
                 let input = noise(rows * padded(inputs));
                 let mut output = Buffer::zeros(rows * linear.outputs());
                 group.throughput(Throughput::Elements((rows * inputs * outputs) as u64));
@@ -36,7 +36,7 @@ fn linears(criterion: &mut Criterion) {
     }
 }
 
-/// The library that a kernel of our own has to beat: the same products by faer, one thread, without bias and rectifier.
+/// The library that our own kernel must beat: the same products by faer, on one thread, without bias and rectifier.
 fn faer_products(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("faer");
     for (name, inputs, outputs) in SHAPES {

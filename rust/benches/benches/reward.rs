@@ -1,10 +1,10 @@
-//! The reward of an episode whose plans are at hand.
+//! The rewards of an episode.
 #![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::noise;
 use ocplanner_core::pose::{Matrix3, Vector3, rotation_exp};
-use ocplanner_core::reward::{Form, Poses, RewardLaw, Rewards};
+use ocplanner_core::reward::{EpisodeEnd, Form, Poses, RewardLaw, Rewards};
 
 const TRANSITIONS: usize = 150;
 
@@ -29,7 +29,9 @@ fn rewards(criterion: &mut Criterion) {
     ] {
         let law = RewardLaw { form, ..RewardLaw::default() };
         group.bench_function(name, |bench| {
-            bench.iter(|| law.rewards(planned, achieved, &grasping, true, &mut found).expect("valid poses"));
+            bench.iter(|| {
+                law.rewards(planned, achieved, &grasping, EpisodeEnd::Terminated, &mut found).expect("valid poses")
+            });
         });
     }
     group.finish();

@@ -1,9 +1,9 @@
-//! What the benches share: numbers to compute with, and the instruction sets to do it with.
+//! What the benches share: input numbers and the loop over instruction sets.
 
 use criterion::{BenchmarkGroup, Criterion, measurement::WallTime};
 use ocplanner_core::nn::kernels::Level;
 
-/// `len` numbers in -1..1, the same every time.
+/// `len` numbers in -1..1, the same on every call.
 #[must_use]
 pub fn noise(len: usize) -> Vec<f32> {
     let mut state = 0x9e37_79b9_u32;
@@ -16,7 +16,7 @@ pub fn noise(len: usize) -> Vec<f32> {
     (0..len).map(|_| next()).collect()
 }
 
-/// One group of benches per instruction set of this processor, called `name/<level>`.
+/// Runs one group of benches, `name/<level>`, per instruction set of this processor.
 pub fn on_every_level(
     criterion: &mut Criterion,
     name: &str,

@@ -1,9 +1,8 @@
-//! From the object pose that a plan asks for to a normalised OSC_POSE action.
+//! Following a plan: which pose to aim the object at, and the normalised OSC_POSE action that moves it there.
 //!
 //! The grasp is rigid while a command acts, so moving the object from `T_obj` to `T_target` means moving the end
-//! effector from `T_eef` to `T_target T_obj^-1 T_eef`. The difference of the two end-effector poses, seen from the
-//! robot's base, clipped to what a controller step may ask for and divided by the controller's output scale, is the
-//! action.
+//! effector from `T_eef` to `T_target T_obj^-1 T_eef`. The action is the difference of these two end-effector poses in the
+//! robot's base frame, clipped to the limits of one control step and divided by the controller's output scale.
 
 use crate::error::{Error, Result};
 use crate::pose::{
@@ -11,34 +10,22 @@ use crate::pose::{
     transpose,
 };
 
-/// A pose whose numbers are finite and whose rotation is one.
-///
-/// # Errors
-/// [`Error::Value`] if they are not.
-pub fn checked_pose(what: &'static str, position: Vector3, rotation: Matrix3) -> Result<Pose> {
-    if !position.iter().all(|value| value.is_finite()) {
-        return Err(Error::Value { what, found: format!("position {position:?}"), expected: "finite" });
-    }
-    check_rotation(what, &rotation)?;
-    Ok(Pose { position, rotation })
-}
-
 /// How a pose difference becomes an action.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeltaPoseLaw {
-    /// Factor on the position difference (a constant command u moves only about 0.31 u a step).
+    /// Factor on the position difference (a constant command u moves the end effector only about 0.31 u a step).
     pub gain_position: f64,
     /// Factor on the rotation vector.
     pub gain_rotation: f64,
     /// Largest horizontal command a step, metres.
     pub limit_horizontal: f64,
-    /// Largest vertical command a step, metres; clipped apart so that a far target does not starve the lift.
+    /// Largest vertical command a step, metres; clipped separately, so that a far target does not starve the lift.
     pub limit_vertical: f64,
     /// Largest rotation command a step, radians.
     pub limit_rotation: f64,
-    /// The controller's output for an action of 1, metres.
+    /// The controller's displacement for an action of 1, metres.
     pub scale_position: f64,
-    /// The controller's output for an action of 1, radians.
+    /// The controller's rotation for an action of 1, radians.
     pub scale_rotation: f64,
 }
 
@@ -60,7 +47,7 @@ impl DeltaPoseLaw {
     /// Checks that every gain, limit and scale is finite and positive, and that no limit exceeds its scale.
     ///
     /// # Errors
-    /// [`Error::Value`] naming the first that is not.
+    /// [`Error::Value`] naming the first that fails.
     pub fn validate(self) -> Result<Self> {
         let positive = [
             ("gain_position", self.gain_position),
@@ -91,10 +78,10 @@ impl DeltaPoseLaw {
 
     /// The action (dx, dy, dz, rx, ry, rz), each in [-1, 1], that moves `object` toward `target`.
     ///
-    /// `rotation_world_base` holds the axes of the robot's base, in which the controller reads its command.
+    /// The controller reads its command in the robot's base frame, whose axes are `rotation_world_base`.
     ///
     /// # Errors
-    /// [`Error::Value`] if a rotation is none, or the numbers overflow.
+    /// [`Error::Value`] if a matrix is not a rotation, or the numbers overflow.
     pub fn action(&self, object: &Pose, target: &Pose, eef: &Pose, rotation_world_base: &Matrix3) -> Result<[f64; 6]> {
         let to_base = transpose(rotation_world_base);
         let turn = multiply(&target.rotation, &transpose(&object.rotation));
@@ -114,36 +101,35 @@ impl DeltaPoseLaw {
         Err(Error::Value {
             what: "action",
             found: format!("{action:?}"),
-            expected: "finite: the poses lie too far apart",
+            expected: "finite numbers; the poses are too far apart",
         })
     }
 }
 
-/// The factor that brings a length down to a limit, keeping the direction.
+/// The factor that shortens a vector of this length to the limit.
 fn shrink(length: f64, limit: f64) -> f64 {
     if length > limit { limit / length } else { 1.0 }
 }
 
-/// Which plan step is the target now.
+/// How the target moves along the plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Follow {
-    /// The paper's: differences of consecutive planned poses, blind to where the object is.
+    /// The paper's control: differences of consecutive planned poses, regardless of where the object is.
     OpenLoop,
-    /// Closed loop on the object pose, one plan step a control step.
+    /// Closed loop on the object's pose, one plan step per control step.
     Time,
-    /// Closed loop; starts at the nearest plan step and advances only while the object is there.
+    /// Closed loop. Starts at the nearest plan step and advances while the object is within the gate of the target.
     Gated {
-        /// Distance that counts as there, metres.
+        /// Size of the gate, metres.
         position: f64,
-        /// Angle that counts as there, radians.
+        /// Size of the gate, radians.
         rotation: f64,
     },
 }
 
-/// Follows one plan at a time; the state is the plan and how far along it the object is.
+/// Follows one plan at a time. Its state is the plan and the step that is the target.
 #[derive(Debug, Clone)]
 pub struct DeltaPoseController {
-    law: DeltaPoseLaw,
     follow: Follow,
     positions: Vec<Vector3>,
     rotations: Option<Vec<Matrix3>>,
@@ -154,8 +140,8 @@ impl DeltaPoseController {
     /// A controller without a plan.
     ///
     /// # Errors
-    /// [`Error::Value`] if the law or the gate is not valid.
-    pub fn new(law: DeltaPoseLaw, follow: Follow) -> Result<Self> {
+    /// [`Error::Value`] if the gate is not positive.
+    pub fn new(follow: Follow) -> Result<Self> {
         if let Follow::Gated { position, rotation } = follow {
             for (what, value) in [("gate_position", position), ("gate_rotation", rotation)] {
                 if !(value.is_finite() && value > 0.0) {
@@ -163,28 +149,22 @@ impl DeltaPoseController {
                 }
             }
         }
-        Ok(Self { law: law.validate()?, follow, positions: Vec::new(), rotations: None, index: 0 })
+        Ok(Self { follow, positions: Vec::new(), rotations: None, index: 0 })
     }
 
-    /// The law of its actions.
-    #[must_use]
-    pub fn law(&self) -> &DeltaPoseLaw {
-        &self.law
-    }
-
-    /// Takes a new plan, m'_{t+1} ... m'_{t+H}, and finds where to start: at its first step, or, gated, at the step
-    /// nearest to the object. Without rotations the plan is position-only and the object's rotation is left alone.
+    /// Takes a new plan, m'_{t+1} ... m'_{t+H}, and starts at its first step or, when gated, at the step nearest to the
+    /// object. A plan without rotations leaves the object's rotation alone.
     ///
     /// # Errors
-    /// [`Error::Shape`] if the plan is empty or its halves differ in length, [`Error::Value`] if a number is not
-    /// finite or a rotation is none.
+    /// [`Error::Shape`] if the plan is empty or its positions and rotations differ in number; [`Error::Value`] if a number
+    /// is not finite or a matrix is not a rotation.
     pub fn set_plan(&mut self, positions: Vec<Vector3>, rotations: Option<Vec<Matrix3>>, object: &Pose) -> Result<()> {
         let shape = |found: Vec<usize>, expected: &str| Error::Shape { what: "plan", found, expected: expected.into() };
         if positions.is_empty() {
             return Err(shape(vec![0, 3], "at least one step"));
         }
         if positions.iter().flatten().any(|value| !value.is_finite()) {
-            return Err(Error::Value { what: "plan", found: "NaN or infinity".into(), expected: "finite" });
+            return Err(Error::Value { what: "plan", found: "NaN or infinity".into(), expected: "finite numbers" });
         }
         if let Some(rotations) = &rotations {
             if rotations.len() != positions.len() {
@@ -212,6 +192,7 @@ impl DeltaPoseController {
     }
 
     /// The plan step that is the target now.
+    #[must_use]
     pub fn index(&self) -> usize {
         self.index
     }
@@ -223,6 +204,7 @@ impl DeltaPoseController {
     }
 
     /// Whether the target is the plan's last step.
+    #[must_use]
     pub fn at_end(&self) -> bool {
         self.index + 1 >= self.positions.len()
     }
@@ -241,16 +223,16 @@ impl DeltaPoseController {
         Pose { position: self.positions[index], rotation }
     }
 
-    /// Advances along the plan and gives the object pose to aim at.
+    /// Advances along the plan and returns the pose to aim the object at.
     ///
-    /// Open loop, that is the current pose moved by the difference of two consecutive planned poses.
+    /// In open loop that is the object's present pose, moved by the difference of two consecutive planned poses.
     ///
     /// # Errors
     /// [`Error::Value`] without a plan.
     pub fn target(&mut self, object: &Pose) -> Result<Pose> {
         let count = self.positions.len();
         if count == 0 {
-            return Err(Error::Value { what: "controller", found: "no plan".into(), expected: "given a plan first" });
+            return Err(Error::Value { what: "plan", found: "none".into(), expected: "a plan; call set_plan first" });
         }
         match self.follow {
             Follow::OpenLoop => {
@@ -277,13 +259,5 @@ impl DeltaPoseController {
                 Ok(self.pose(self.index, object))
             }
         }
-    }
-
-    /// The action toward a target, by the controller's law.
-    ///
-    /// # Errors
-    /// As for [`DeltaPoseLaw::action`].
-    pub fn action(&self, object: &Pose, target: &Pose, eef: &Pose, rotation_world_base: &Matrix3) -> Result<[f64; 6]> {
-        self.law.action(object, target, eef, rotation_world_base)
     }
 }

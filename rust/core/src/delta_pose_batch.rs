@@ -1,13 +1,13 @@
-//! Delta-pose control of many environments at once, each with a plan of its own.
+//! Delta-pose control of many environments at once, each with its own plan: for simulators that step whole batches.
 
 use crate::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow};
 use crate::error::{Error, Result};
 use crate::pose::{Matrix3, Pose, Vector3, check_rotation};
 
-/// More environments than anyone steps at once; a wrong number must not exhaust the memory.
+/// More environments than anyone steps at once. A wrong number must not exhaust the memory.
 const MOST_ENVIRONMENTS: usize = 1 << 16;
 
-/// Actions of many environments, one for each of their poses; as [`DeltaPoseLaw::action`].
+/// The actions of many environments, each as by [`DeltaPoseLaw::action`].
 ///
 /// # Errors
 /// [`Error::Shape`] if the slices differ in length; otherwise as [`DeltaPoseLaw::action`].
@@ -25,7 +25,7 @@ pub fn actions(
     (0..count).map(|i| law.action(&objects[i], &targets[i], &eefs[i], &rotations_world_base[i])).collect()
 }
 
-/// Plans of many environments, all of one length.
+/// Plans of many environments, all of the same length.
 #[derive(Debug, Clone, Copy)]
 pub struct PlanBatch<'a> {
     /// Steps of each plan.
@@ -47,12 +47,12 @@ impl DeltaPoseBatch {
     ///
     /// # Errors
     /// As [`DeltaPoseController::new`]; [`Error::Value`] for more than 65,536 environments.
-    pub fn new(environments: usize, law: DeltaPoseLaw, follow: Follow) -> Result<Self> {
+    pub fn new(environments: usize, follow: Follow) -> Result<Self> {
         if environments > MOST_ENVIRONMENTS {
             let found = environments.to_string();
             return Err(Error::Value { what: "environments", found, expected: "at most 65536" });
         }
-        Ok(Self { controllers: vec![DeltaPoseController::new(law, follow)?; environments] })
+        Ok(Self { controllers: vec![DeltaPoseController::new(follow)?; environments] })
     }
 
     /// The controllers, in the environments' order.
@@ -65,7 +65,7 @@ impl DeltaPoseBatch {
     ///
     /// # Errors
     /// [`Error::Shape`] if there is not one plan, object and choice for each environment; otherwise as
-    /// [`DeltaPoseController::set_plan`]. Then every environment keeps the plan it had.
+    /// [`DeltaPoseController::set_plan`]. After an error every environment keeps the plan it had.
     pub fn set_plans(&mut self, plans: PlanBatch<'_>, objects: &[Pose], chosen: &[bool]) -> Result<()> {
         let PlanBatch { horizon, positions, rotations } = plans;
         let count = self.controllers.len();
@@ -99,14 +99,14 @@ impl DeltaPoseBatch {
     ///
     /// # Errors
     /// [`Error::Shape`] if there is not one object for each environment, [`Error::Value`] if an environment has no
-    /// plan or a rotation is none. Then no environment has advanced.
+    /// plan or a matrix is not a rotation. After an error no environment has advanced.
     pub fn targets(&mut self, objects: &[Pose]) -> Result<Vec<Pose>> {
         one_each("object", objects.len(), self.controllers.len())?;
         for (i, (controller, object)) in self.controllers.iter().zip(objects).enumerate() {
             check_rotation("object", &object.rotation)?;
             if !controller.has_plan() {
                 let found = format!("environment {i} without a plan");
-                return Err(Error::Value { what: "controller", found, expected: "given a plan first" });
+                return Err(Error::Value { what: "plan", found, expected: "a plan for each; call set_plans first" });
             }
         }
         self.controllers.iter_mut().zip(objects).map(|(controller, object)| controller.target(object)).collect()

@@ -1,6 +1,6 @@
 //! The one error type of the crate.
 
-/// What can go wrong in the core. Each variant names the thing, the value found and the value wanted.
+/// What can go wrong in the core. Each variant names the thing, what was found and what was expected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -15,7 +15,7 @@ pub enum Error {
         expected: String,
     },
     /// A number is outside its domain (NaN and infinity included).
-    #[error("{what}: {found} is not {expected}")]
+    #[error("{what}: found {found}, expected {expected}")]
     Value {
         /// The argument.
         what: &'static str,
@@ -24,10 +24,10 @@ pub enum Error {
         /// What it should be.
         expected: &'static str,
     },
-    /// A weight file is damaged, or made for something else.
-    #[error("not a valid weight file: {problem}")]
-    WeightFile {
-        /// What is wrong with it.
+    /// A model file is damaged, or was made for something else.
+    #[error("cannot use the model file: {problem}")]
+    ModelFile {
+        /// What is wrong with it, and a remedy where there is one.
         problem: String,
     },
 }

@@ -6,9 +6,9 @@
 pub mod delta_pose;
 pub mod delta_pose_batch;
 pub mod error;
+pub mod model_file;
 pub mod nn;
 pub mod osc;
 pub mod planner;
 pub mod pose;
 pub mod reward;
-pub mod weights;

@@ -1,52 +1,50 @@
 //! Operational-space control of one arm, as robosuite's `OSC_POSE` computes it (Khatib 1987).
 //!
-//! The torques agree with robosuite's to rounding, so its conventions are kept where they show: the goal is expressed in
-//! the arm's base frame, orientation errors are sums of cross products of the axes, the inertia of position and of
-//! orientation is inverted separately, and a goal rotation passes through single precision ([`goal_rotation`]).
+//! The torques agree with robosuite's to rounding, so its conventions are kept where they matter: the goal is expressed in
+//! the arm's base frame, orientation errors are sums of cross products of the axes, the inertias of position and of
+//! orientation are inverted separately, and a goal rotation passes through single precision ([`goal_rotation`]).
 //!
-//! Positions are metres, rotations row-major 3 x 3 matrices from the named frame to the world, velocities m/s and
-//! rad/s, torques N m. Wrenches, velocities and gains order the translation before the rotation.
+//! Positions are in metres, velocities in m/s and rad/s, torques in N m; rotations map the named frame to the world.
+//! Wrenches, velocities and gains list translation before rotation.
 
 use faer::{Mat, Side};
 
 use crate::error::{Error, Result};
+use crate::pose::{IDENTITY, Matrix3, Vector3, add, cross, multiply, rotate, scale, subtract, transpose};
 
-/// The most joints an arm may have.
+/// The largest number of joints an arm may have.
 pub const MAX_JOINTS: usize = 8;
 
-/// One number per joint; those past the arm's own joints are zero.
+/// One number per joint; entries beyond the arm's joints are zero.
 pub type Joints = [f64; MAX_JOINTS];
 
-/// A row-major rotation matrix.
-pub type Rotation = [[f64; 3]; 3];
-
-/// Stiffness of the posture that the redundant joints keep, 1/s^2, robosuite's constant.
+/// Stiffness with which the redundant joints keep their posture, 1/s^2: robosuite's constant.
 const POSTURE_STIFFNESS: f64 = 10.0;
 
 /// The frame in which an action's displacement is expressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ActionFrame {
-    /// The arm's base site; the goal moves with it.
+    /// The frame of the arm's base site; the goal moves with it.
     Base,
-    /// The world.
+    /// The world frame.
     World,
 }
 
-/// Where a site is and how it moves, in the world frame.
+/// Pose and velocity of a site in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Site {
     /// Its origin, metres.
-    pub position: [f64; 3],
-    /// Its axes, site -> world.
-    pub rotation: Rotation,
-    /// Its linear and angular velocity.
+    pub position: Vector3,
+    /// Site -> world.
+    pub rotation: Matrix3,
+    /// Its linear and angular velocity, m/s and rad/s.
     pub velocity: [f64; 6],
 }
 
 /// What the controller measures of an arm at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmState {
-    /// How many joints the arm has, at most [`MAX_JOINTS`].
+    /// Number of joints, at most [`MAX_JOINTS`].
     pub joints: usize,
     /// The end effector.
     pub eef: Site,
@@ -64,9 +62,9 @@ pub struct ArmState {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Goal {
     /// Metres.
-    pub position: [f64; 3],
+    pub position: Vector3,
     /// End effector -> frame of the action.
-    pub rotation: Rotation,
+    pub rotation: Matrix3,
 }
 
 /// The controller's constants.
@@ -82,8 +80,7 @@ pub struct Gains {
 
 impl Site {
     /// A site at the world's origin, at rest.
-    pub const ORIGIN: Self =
-        Self { position: [0.0; 3], rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], velocity: [0.0; 6] };
+    pub const ORIGIN: Self = Self { position: [0.0; 3], rotation: IDENTITY, velocity: [0.0; 6] };
 }
 
 impl ArmState {
@@ -93,11 +90,7 @@ impl ArmState {
     /// [`Error::Value`] if there are no joints or more than [`MAX_JOINTS`].
     pub fn new(joints: usize) -> Result<Self> {
         if joints == 0 || joints > MAX_JOINTS {
-            return Err(Error::Value {
-                what: "joints",
-                found: joints.to_string(),
-                expected: "a number of joints between 1 and 8",
-            });
+            return Err(Error::Value { what: "joints", found: joints.to_string(), expected: "between 1 and 8" });
         }
         Ok(Self {
             joints,
@@ -110,23 +103,25 @@ impl ArmState {
     }
 }
 
-/// The goal `delta` away from where the end effector is: three metres, then an axis times an angle in radians.
+/// The goal that lies `delta` away from the end effector: a translation in metres, then axis times angle in radians.
+#[must_use]
 pub fn goal(eef: &Site, base: &Site, frame: ActionFrame, delta: &[f64; 6]) -> Goal {
     let (position, rotation) = match frame {
         ActionFrame::World => (eef.position, eef.rotation),
         ActionFrame::Base => {
-            let inverse = transposed(&base.rotation);
-            (rotated(&inverse, &difference(&eef.position, &base.position)), product(&inverse, &eef.rotation))
+            let inverse = transpose(&base.rotation);
+            (rotate(&inverse, &subtract(&eef.position, &base.position)), multiply(&inverse, &eef.rotation))
         }
     };
     Goal {
         position: std::array::from_fn(|i| position[i] + delta[i]),
-        rotation: product(&goal_rotation(&[delta[3], delta[4], delta[5]]), &rotation),
+        rotation: multiply(&goal_rotation(&[delta[3], delta[4], delta[5]]), &rotation),
     }
 }
 
-/// The torques (N m) that pull the arm toward `goal` and, in the null space, toward `posture` (rad). Gravity and Coriolis
-/// forces are not compensated: add the simulator's bias.
+/// The torques (N m) that pull the arm toward `goal` and, in the null space, toward `posture` (rad). They do not compensate
+/// gravity and Coriolis forces: add the simulator's bias.
+#[must_use]
 pub fn torques(
     arm: &ArmState,
     base: &Site,
@@ -139,11 +134,11 @@ pub fn torques(
     let (position, rotation) = match frame {
         ActionFrame::World => (goal.position, goal.rotation),
         ActionFrame::Base => {
-            let offset = rotated(&base.rotation, &goal.position);
-            (std::array::from_fn(|i| base.position[i] + offset[i]), product(&base.rotation, &goal.rotation))
+            let offset = rotate(&base.rotation, &goal.position);
+            (add(&base.position, &offset), multiply(&base.rotation, &goal.rotation))
         }
     };
-    let translation = difference(&position, &arm.eef.position);
+    let translation = subtract(&position, &arm.eef.position);
     let turn = orientation_error(&rotation, &arm.eef.rotation);
     let acceleration: [f64; 6] = std::array::from_fn(|i| {
         let error = if i < 3 { translation[i] } else { turn[i - 3] };
@@ -162,7 +157,7 @@ pub fn torques(
         apply(&inertia, &acceleration)
     };
 
-    // The posture's acceleration, less the part of it that would move the end effector.
+    // The posture's acceleration, without the part that would move the end effector.
     let damping = 2.0 * POSTURE_STIFFNESS.sqrt();
     let mut relax = [0.0; MAX_JOINTS];
     for j in 0..n {
@@ -179,16 +174,17 @@ pub fn torques(
 }
 
 /// The rotation about `vector` by its length (radians), rounded as robosuite rounds it: the quaternion and its products
-/// are single precision, the diagonal is then summed in double precision.
-pub fn goal_rotation(vector: &[f64; 3]) -> Rotation {
+/// are in single precision, the sums on the diagonal in double precision.
+#[must_use]
+pub fn goal_rotation(vector: &Vector3) -> Matrix3 {
     let angle = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
     if angle == 0.0 {
-        return Site::ORIGIN.rotation;
+        return IDENTITY;
     }
     let (sin, cos) = (angle / 2.0).sin_cos();
     let exact = [cos, vector[0] / angle * sin, vector[1] / angle * sin, vector[2] / angle * sin];
     let quat_wxyz = exact.map(|x| x as f32);
-    // OpenBLAS's dot product of four: single-precision products summed in double precision.
+    // As OpenBLAS's dot product of four numbers: single-precision products, summed in double precision.
     let norm = quat_wxyz.iter().map(|x| f64::from(x * x)).sum::<f64>() as f32;
     let scale = (2.0 / f64::from(norm)).sqrt();
     let scaled = quat_wxyz.map(|x| (f64::from(x) * scale) as f32);
@@ -201,19 +197,14 @@ pub fn goal_rotation(vector: &[f64; 3]) -> Rotation {
     ]
 }
 
-/// Half the sum of the cross products of `current`'s axes with `desired`'s: for small angles the rotation vector.
-pub fn orientation_error(desired: &Rotation, current: &Rotation) -> [f64; 3] {
-    let mut error = [0.0; 3];
-    for axis in 0..3 {
-        let (c, d) = (current.map(|row| row[axis]), desired.map(|row| row[axis]));
-        error[0] += c[1] * d[2] - c[2] * d[1];
-        error[1] += c[2] * d[0] - c[0] * d[2];
-        error[2] += c[0] * d[1] - c[1] * d[0];
-    }
-    error.map(|x| 0.5 * x)
+/// Half the sum of the cross products of `current`'s axes with `desired`'s: for small angles, the rotation vector.
+#[must_use]
+pub fn orientation_error(desired: &Matrix3, current: &Matrix3) -> Vector3 {
+    let axes = transpose(current).into_iter().zip(transpose(desired));
+    scale(&axes.fold([0.0; 3], |sum, (current, desired)| add(&sum, &cross(&current, &desired))), 0.5)
 }
 
-/// `J M^-1 J^T`: how the end effector accelerates per unit wrench.
+/// `J M^-1 J^T`: the end effector's acceleration per unit wrench.
 fn mobility(arm: &ArmState) -> [[f64; 6]; 6] {
     let n = arm.joints;
     let mut result = [[0.0; 6]; 6];
@@ -230,13 +221,14 @@ fn mobility(arm: &ArmState) -> [[f64; 6]; 6] {
     result
 }
 
-/// The Moore-Penrose inverse of a symmetric matrix that is positive semi-definite but for rounding. Eigenvalues below
-/// 1e-15 of the largest count as zero, as in NumPy's `pinv`.
+/// The Moore-Penrose inverse of a symmetric matrix that is positive semi-definite up to rounding. Eigenvalues below 1e-15
+/// of the largest count as zero, as in NumPy's `pinv`.
+#[must_use]
 pub fn symmetric_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> [[f64; N]; N] {
     definite_inverse(matrix).unwrap_or_else(|| pseudo_inverse(matrix))
 }
 
-/// The inverse of a matrix far enough from singular that it equals the pseudo-inverse.
+/// The inverse of a matrix that is far enough from singular for its inverse to equal the pseudo-inverse.
 fn definite_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
     const SINGULAR: f64 = 1e-10;
     let factor = cholesky(matrix, N)?;
@@ -256,7 +248,8 @@ fn definite_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N];
     Some(std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (columns[i][j] + columns[j][i]))))
 }
 
-/// Through the eigenvectors; all NaN if they cannot be found, which takes a matrix that is not finite.
+/// The pseudo-inverse through the eigenvectors. All NaN if they cannot be found, which happens only if the matrix is not
+/// finite.
 fn pseudo_inverse<const N: usize>(matrix: &[[f64; N]; N]) -> [[f64; N]; N] {
     const CUTOFF: f64 = 1e-15;
     let Ok(eigen) = Mat::from_fn(N, N, |i, j| matrix[i][j]).self_adjoint_eigen(Side::Lower) else {
@@ -310,22 +303,6 @@ fn apply<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N]) -> [f64; N] 
 }
 
 /// The 3 x 3 block on the diagonal that starts at `start`.
-fn block(matrix: &[[f64; 6]; 6], start: usize) -> Rotation {
+fn block(matrix: &[[f64; 6]; 6], start: usize) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[start + i][start + j]))
-}
-
-fn rotated(rotation: &Rotation, vector: &[f64; 3]) -> [f64; 3] {
-    apply(rotation, vector)
-}
-
-fn product(a: &Rotation, b: &Rotation) -> Rotation {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-fn transposed(a: &Rotation) -> Rotation {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
-}
-
-fn difference(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
 }

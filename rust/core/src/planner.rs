@@ -1,4 +1,4 @@
-//! A planner's forward pass: uint8 images to the object's future poses in metres.
+//! A planner's forward pass: from uint8 images to the object's future poses in metres.
 
 mod config;
 mod layers;
@@ -11,23 +11,23 @@ use layers::{load_decoder, load_predictor};
 use modes::{best_mode, probability};
 
 use crate::error::{Error, Result};
+use crate::model_file::ModelFile;
 use crate::nn::encoder::{Encoder, EncoderWorkspace};
 use crate::nn::kernels::{Buffer, Level, Storage, padded};
 use crate::nn::linear::Linear;
 use crate::nn::lstm::{Decoder, DecoderWorkspace};
 use crate::pose::rotation_from_6d;
-use crate::weights::WeightFile;
 
 /// Images that go through the network together.
 const CHUNK: usize = 64;
 
-/// Threads that one call starts at most, whatever it is asked for.
+/// The most threads that one call starts, whatever it is asked for.
 const MOST_THREADS: usize = 256;
 
 /// Which plans to decode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Modes {
-    /// The most probable one of each image.
+    /// The most probable one for each image.
     Best,
     /// All, in the network's order.
     All,
@@ -36,15 +36,15 @@ pub enum Modes {
 /// Plans of a batch.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plans {
-    /// (batch, modes, horizon, 3) positions, metres.
+    /// (batch, modes, steps, 3) positions, metres.
     pub position: Vec<f64>,
-    /// (batch, modes, horizon, 3, 3) rotations, row-major; empty for a planner of positions.
+    /// (batch, modes, steps, 3, 3) rotations, row-major; empty if the planner plans positions only.
     pub rotation: Vec<f64>,
     /// (batch, modes) probabilities.
     pub probability: Vec<f64>,
 }
 
-/// A loaded planner. Safe to share between threads, which then plan at the same time.
+/// A loaded planner. Threads may share it and plan at the same time.
 #[derive(Debug)]
 pub struct Planner {
     config: PlannerConfig,
@@ -65,7 +65,7 @@ struct Workspace {
     decoder: DecoderWorkspace,
 }
 
-/// Where one thread writes its part of the plans.
+/// The part of the plans that one thread writes.
 struct Part<'a> {
     position: &'a mut [f64],
     rotation: &'a mut [f64],
@@ -76,9 +76,9 @@ impl Planner {
     /// Loads a planner from the bytes of its file.
     ///
     /// # Errors
-    /// [`Error::WeightFile`] if the file is damaged, or is not a planner.
+    /// [`Error::ModelFile`] if the file is damaged or is not a planner.
     pub fn load(bytes: &[u8], storage: Storage, level: Level) -> Result<Self> {
-        let mut file = WeightFile::parse(bytes, "planner")?;
+        let mut file = ModelFile::parse(bytes, "planner")?;
         let config: PlannerConfig = file.config()?;
         config.check()?;
         let config_json = file.config_json();
@@ -93,7 +93,7 @@ impl Planner {
         Ok(Self { config, config_json, encoders, predictor, decoder, idle: Mutex::new(Vec::new()) })
     }
 
-    /// The part of the configuration that the engine uses.
+    /// The configuration, as far as the engine uses it.
     #[must_use]
     pub fn config(&self) -> &PlannerConfig {
         &self.config
@@ -105,63 +105,52 @@ impl Planner {
         &self.config_json
     }
 
-    /// Numbers in a batch of one camera's images.
+    /// Numbers in one image.
     #[must_use]
     pub fn image_len(&self) -> usize {
         self.config.image_size * self.config.image_size * 3
     }
 
-    /// Plans for a batch. `images` has one slice per camera, in the configuration's order, of
-    /// (batch, `image_size`, `image_size`, 3) uint8 upright RGB.
+    /// Plans for a batch, decoding the first `steps` of each plan only.
     ///
-    /// With `threads` > 1 the batch is dealt out; the plans do not depend on it.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] if a slice has another length; [`Error::Value`] if the network's numbers overflow or are no
-    /// rotation.
-    pub fn plan(&self, images: &[&[u8]], batch: usize, modes: Modes, threads: usize, plans: &mut Plans) -> Result<()> {
-        self.plan_steps(images, batch, modes, self.config.horizon, threads, plans)
-    }
-
-    /// As [`Planner::plan`], but only the first `horizon` steps of each plan, for that much less decoding.
+    /// `images` has one slice per camera, in the configuration's order, of (batch, `image_size`, `image_size`, 3) uint8
+    /// upright RGB. The batch is dealt out to the threads; the plans depend on their number only by rounding, because
+    /// convolutions take another form for another size of batch.
     ///
     /// # Errors
-    /// As [`Planner::plan`]; [`Error::Value`] if `horizon` is zero or beyond the planner's own.
-    pub fn plan_steps(
+    /// [`Error::Shape`] if a slice has another length. [`Error::Value`] if `steps` is zero or beyond the planner's horizon,
+    /// or if the network's numbers overflow or give no rotation.
+    pub fn plan(
         &self,
         images: &[&[u8]],
         batch: usize,
         modes: Modes,
-        horizon: usize,
+        steps: usize,
         threads: usize,
         plans: &mut Plans,
     ) -> Result<()> {
         self.check_images(images, batch)?;
-        if !(1..=self.config.horizon).contains(&horizon) {
-            let found = format!("{horizon} of {} steps", self.config.horizon);
-            return Err(Error::Value {
-                what: "steps of a plan",
-                found,
-                expected: "between 1 and the planner's horizon",
-            });
+        if !(1..=self.config.horizon).contains(&steps) {
+            let found = format!("{steps} with a horizon of {}", self.config.horizon);
+            return Err(Error::Value { what: "steps of a plan", found, expected: "between 1 and the horizon" });
         }
         let per_image = match modes {
             Modes::Best => 1,
             Modes::All => self.config.modes,
         };
-        let steps = per_image * horizon;
+        let position = 3 * per_image * steps;
         let rotation = match self.config.outputs {
-            Outputs::Pose => 9 * steps,
+            Outputs::Pose => 3 * position,
             Outputs::Position => 0,
         };
-        plans.position.resize(batch * steps * 3, 0.0);
+        plans.position.resize(batch * position, 0.0);
         plans.rotation.resize(batch * rotation, 0.0);
         plans.probability.resize(batch * per_image, 0.0);
         let mut whole =
             Part { position: &mut plans.position, rotation: &mut plans.rotation, probability: &mut plans.probability };
         let size = self.image_len();
         self.deal(batch, threads, |work| {
-            let (position, rest) = std::mem::take(&mut whole.position).split_at_mut(work.len() * steps * 3);
+            let (position, rest) = std::mem::take(&mut whole.position).split_at_mut(work.len() * position);
             whole.position = rest;
             let (rotation, rest) = std::mem::take(&mut whole.rotation).split_at_mut(work.len() * rotation);
             whole.rotation = rest;
@@ -169,14 +158,14 @@ impl Planner {
             whole.probability = rest;
             let images: Vec<&[u8]> = images.iter().map(|all| &all[work.start * size..work.end * size]).collect();
             let mut part = Part { position, rotation, probability };
-            move |workspace: &mut Workspace| self.plan_part(&images, work.len(), modes, horizon, workspace, &mut part)
+            move |workspace: &mut Workspace| self.plan_part(&images, work.len(), modes, steps, workspace, &mut part)
         })
     }
 
-    /// Latent means of the most probable mode of each image, (batch, latent) to `latents`.
+    /// Writes the latent means of each image's most probable mode, (batch, latent), to `latents`.
     ///
     /// # Errors
-    /// As [`Planner::plan`].
+    /// [`Error::Shape`] if a slice of images has another length.
     pub fn encode(&self, images: &[&[u8]], batch: usize, threads: usize, latents: &mut Vec<f32>) -> Result<()> {
         self.check_images(images, batch)?;
         let latent = self.config.latent;
@@ -204,10 +193,10 @@ impl Planner {
         })
     }
 
-    /// Whether there is one slice of `batch` images per camera.
+    /// Checks that there is one slice of `batch` images per camera.
     ///
     /// # Errors
-    /// [`Error::Shape`] if not.
+    /// [`Error::Shape`] if there is not.
     pub(crate) fn check_images(&self, images: &[&[u8]], batch: usize) -> Result<()> {
         if images.len() != self.encoders.len() {
             return Err(Error::Shape {
@@ -230,7 +219,7 @@ impl Planner {
         Ok(())
     }
 
-    /// Cuts a batch into one range per thread, makes the work of each in order, and runs them with a workspace each.
+    /// Cuts a batch into one range per thread, makes each range's work in order, and runs each with its own workspace.
     fn deal<W>(&self, batch: usize, threads: usize, mut make: impl FnMut(std::ops::Range<usize>) -> W) -> Result<()>
     where
         W: FnOnce(&mut Workspace) -> Result<()> + Send,
@@ -260,11 +249,11 @@ impl Planner {
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Workspace>> {
-        // A workspace holds no state between calls, so a panic elsewhere cannot have spoilt the list.
+        // A workspace holds no state between calls, so a panic elsewhere cannot have corrupted the list.
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs encoders and predictor on images `start..start + count`.
+    /// Runs the encoders and the predictor on images `start..start + count`.
     fn predict(&self, images: &[&[u8]], start: usize, count: usize, workspace: &mut Workspace) {
         let size = self.image_len();
         let feature = self.encoders[0].feature_stride();
@@ -285,7 +274,7 @@ impl Planner {
         }
     }
 
-    /// The predictor's output rows and their distance.
+    /// The predictor's output rows and the distance between them.
     fn prediction<'a>(&self, workspace: &'a Workspace) -> (&'a [f32], usize) {
         let last = &self.predictor[self.predictor.len() - 1];
         (&workspace.rows[self.predictor.len() % 2], last.outputs())
@@ -296,7 +285,7 @@ impl Planner {
         images: &[&[u8]],
         batch: usize,
         modes: Modes,
-        horizon: usize,
+        steps: usize,
         workspace: &mut Workspace,
         part: &mut Part<'_>,
     ) -> Result<()> {
@@ -326,8 +315,8 @@ impl Planner {
                         probability(config, row, mode)?;
                 }
             }
-            let decoded = self.decoder.run(chosen.len(), horizon, &latents, latent_stride, &mut workspace.decoder);
-            let first_step = start * per_image * horizon;
+            let decoded = self.decoder.run(chosen.len(), steps, &latents, latent_stride, &mut workspace.decoder);
+            let first_step = start * per_image * steps;
             let result = self.write_steps(decoded, first_step, part);
             (workspace.latents, workspace.chosen) = (latents, chosen);
             result?;
@@ -346,7 +335,7 @@ impl Planner {
                     return Err(Error::Value {
                         what: "planned position",
                         found: metres.to_string(),
-                        expected: "finite: the weights overflow on this image",
+                        expected: "a finite number; the weights overflow on this image",
                     });
                 }
                 part.position[3 * at + axis] = metres;

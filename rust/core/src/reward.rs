@@ -1,12 +1,12 @@
-//! Dense rewards from plans (the paper's section 5): how far the object is from where the plan wanted it.
+//! Dense rewards from plans (the paper's section 5): how far the object is from where the plan puts it.
 //!
-//! A transition leads from step t to t + 1. At t the plan says where the object should be next, m'_{t+1}; afterwards
-//! it is at m_{t+1}. Two terms measure the difference, each with its own weight:
+//! A transition leads from step t to t + 1. At t the plan says where the object should be next, m'_{t+1}; after the
+//! transition it is at m_{t+1}. Two terms measure the difference, each with its own weight:
 //!
 //! - position, |p' - p|^2 in square metres ([`position_error`]);
 //! - rotation, |r' - r|^2 with r the first two columns of the rotation matrix, without unit ([`rotation_error`]).
 //!
-//! Terms and rewards are zero where the robot does not hold the object, since the planner never saw such frames.
+//! Terms and rewards are zero where the robot does not hold the object, because the planner never saw such frames.
 
 use crate::error::{Error, Result};
 use crate::planner::{Modes, Outputs, Planner, Plans};
@@ -21,28 +21,37 @@ pub struct Poses<'a> {
     pub rotation: Option<&'a [Matrix3]>,
 }
 
-/// What becomes of the weighted error E = a |p' - p|^2 + b |r' - r|^2 of a transition.
+/// How the weighted error E = a |p' - p|^2 + b |r' - r|^2 of a transition becomes a reward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Form {
-    /// -E: the best reward, zero, is for staying on the plan.
+    /// -E: staying on the plan earns the best reward, zero.
     Penalty,
-    /// +E, the equation as the paper prints it, which rewards leaving the plan.
+    /// +E: the equation as the paper prints it, which rewards leaving the plan.
     Literal,
     /// exp(-E / scale): 1 on the plan, toward 0 far from it (exactly 0 only by underflow, beyond 745 scales).
     Exp {
         /// The error at which the reward has fallen to 1/e.
         scale: f64,
     },
-    /// gamma Phi(s') - Phi(s), shaping that does not change which policy is best (Ng, Harada and Russell 1999).
+    /// gamma Phi(s') - Phi(s): shaping that does not change which policy is best (Ng, Harada and Russell 1999).
     ///
-    /// Phi of a state is -E of the transition that led to it, and 0 where there is none to speak of: in an episode's
-    /// first state, after a transition without grasp, and in a terminal state. So a grasp begins with -gamma E, the
-    /// first transition after it pays the last E back, and over an episode that ends in a terminal state the
-    /// discounted rewards sum to zero whatever happened; otherwise to gamma^T Phi(s_T).
+    /// Phi of a state is -E of the transition that led to it. It is 0 in an episode's first state, after a transition
+    /// without a grasp, and in a terminal state. So a grasp begins with -gamma E, and the first transition after it pays
+    /// the last E back. Over an episode that ends in a terminal state the discounted rewards sum to zero whatever
+    /// happened, otherwise to gamma^T Phi(s_T).
     Potential {
         /// The learner's discount.
         gamma: f64,
     },
+}
+
+/// How an episode ends, in Gymnasium's terms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EpisodeEnd {
+    /// Its last transition leads to a terminal state.
+    Terminated,
+    /// A time limit cuts it off.
+    Truncated,
 }
 
 /// Weights and form of the reward.
@@ -69,7 +78,7 @@ pub struct Rewards {
     pub position: Vec<f64>,
     /// (T,) |r' - r|^2, unweighted; empty if the plan has no rotations.
     pub rotation: Vec<f64>,
-    /// (T,)
+    /// (T,) the rewards.
     pub reward: Vec<f64>,
 }
 
@@ -84,14 +93,14 @@ pub fn position_error(planned: &Vector3, achieved: &Vector3) -> Result<f64> {
     finite("position error", dot(&difference, &difference))
 }
 
-/// |r' - r|^2, where r is a rotation as the paper represents it: the six numbers of its matrix's first two columns.
+/// |r' - r|^2, where r is the paper's form of a rotation: the six numbers of its matrix's first two columns.
 ///
-/// For rotations an angle theta apart about the axis n in the object's frame this is 2 (1 - cos theta)(1 + n_z^2).
-/// Turns about the object's z count as in the whole matrix's squared Frobenius norm, 4 (1 - cos theta), turns about
-/// x and y half as much.
+/// For rotations an angle theta apart about the axis n, in the object's frame, this is 2 (1 - cos theta)(1 + n_z^2).
+/// Turns about the object's z count as much as in the whole matrix's squared Frobenius norm, 4 (1 - cos theta); turns
+/// about x and y count half as much.
 ///
 /// # Errors
-/// [`Error::Value`] if a matrix is no rotation.
+/// [`Error::Value`] if a matrix is not a rotation.
 pub fn rotation_error(planned: &Matrix3, achieved: &Matrix3) -> Result<f64> {
     check_rotation("planned rotation", planned)?;
     check_rotation("achieved rotation", achieved)?;
@@ -107,7 +116,7 @@ impl RewardLaw {
     /// Checks that the weights are not negative, the scale is positive and the discount lies in [0, 1].
     ///
     /// # Errors
-    /// [`Error::Value`] naming the first that is not so.
+    /// [`Error::Value`] naming the first that fails.
     pub fn validate(self) -> Result<Self> {
         for (what, weight) in [("position weight a", self.weight_position), ("rotation weight b", self.weight_rotation)]
         {
@@ -120,28 +129,27 @@ impl RewardLaw {
                 Err(Error::Value { what: "scale", found: scale.to_string(), expected: "a positive number" })
             }
             Form::Potential { gamma } if !(0.0..=1.0).contains(&gamma) => {
-                Err(Error::Value { what: "gamma", found: gamma.to_string(), expected: "between 0 and 1" })
+                Err(Error::Value { what: "gamma", found: gamma.to_string(), expected: "a number between 0 and 1" })
             }
             _ => Ok(self),
         }
     }
 
-    /// Terms and rewards of an episode whose plans are at hand.
+    /// Terms and rewards of an episode.
     ///
-    /// `planned` and `achieved` hold m'_{t+1} and m_{t+1}, `grasping` whether the robot holds the object during the
-    /// transition. Without planned rotations the achieved ones are ignored and the rotation term is absent.
-    /// `terminal` says that the last transition ends the episode for good, rather than by a time limit; only the
-    /// potential form asks.
+    /// `planned` and `achieved` hold m'_{t+1} and m_{t+1}; `grasping` says whether the robot holds the object during the
+    /// transition. Without planned rotations the achieved ones are ignored and there is no rotation term. Only the
+    /// potential form depends on `end`.
     ///
     /// # Errors
-    /// [`Error::Shape`] if lengths differ, [`Error::Value`] if a number is not finite, a matrix is no rotation, or a
+    /// [`Error::Shape`] if lengths differ. [`Error::Value`] if a number is not finite, a matrix is not a rotation, or a
     /// reward overflows.
     pub fn rewards(
         &self,
         planned: Poses<'_>,
         achieved: Poses<'_>,
         grasping: &[bool],
-        terminal: bool,
+        end: EpisodeEnd,
         rewards: &mut Rewards,
     ) -> Result<()> {
         let steps = grasping.len();
@@ -161,7 +169,7 @@ impl RewardLaw {
                 rewards.rotation[t] = if *held { error } else { 0.0 };
             }
         }
-        self.combine(grasping, terminal, rewards)
+        self.combine(grasping, end, rewards)
     }
 }
 
@@ -174,15 +182,15 @@ pub struct Episode<'a> {
     pub achieved: Poses<'a>,
     /// Whether the robot holds the object during each transition.
     pub grasping: &'a [bool],
-    /// Whether the last transition ends the episode for good.
-    pub terminal: bool,
+    /// How the episode ends.
+    pub end: EpisodeEnd,
 }
 
 impl RewardLaw {
     /// Plans where the object is held, and nowhere else, and compares step `step` (0 is the next) of each plan.
     ///
     /// # Errors
-    /// As [`Planner::plan_steps`] and [`RewardLaw::rewards`]. [`Error::Value`] too for the potential form with a later
+    /// As [`Planner::plan`] and [`RewardLaw::rewards`]. [`Error::Value`] too for the potential form with a later
     /// step than the first: its error is known only after the state that it would be the potential of.
     pub fn label(
         &self,
@@ -192,7 +200,7 @@ impl RewardLaw {
         threads: usize,
         rewards: &mut Rewards,
     ) -> Result<()> {
-        let Episode { images, achieved, grasping, terminal } = *episode;
+        let Episode { images, achieved, grasping, end } = *episode;
         let (steps, horizon) = (grasping.len(), planner.config().horizon);
         if step >= horizon {
             let found = format!("{step} of {horizon} steps");
@@ -224,7 +232,7 @@ impl RewardLaw {
                 continue;
             }
             let seen: Vec<&[u8]> = images.iter().map(|all| &all[range.start * size..range.end * size]).collect();
-            planner.plan_steps(&seen, run.len(), Modes::Best, step + 1, threads, &mut plans)?;
+            planner.plan(&seen, run.len(), Modes::Best, step + 1, threads, &mut plans)?;
             let planned = plans.position.as_chunks::<3>().0.iter().skip(step).step_by(step + 1);
             for (t, planned) in range.clone().zip(planned) {
                 rewards.position[t] = position_error(planned, &achieved.position[t])?;
@@ -234,25 +242,26 @@ impl RewardLaw {
                 rewards.rotation[t] = rotation_error(planned, &achieved_rotation[t])?;
             }
         }
-        self.combine(grasping, terminal, rewards)
+        self.combine(grasping, end, rewards)
     }
 
     /// Rewards from terms that are zero where nothing is held.
-    fn combine(&self, grasping: &[bool], terminal: bool, rewards: &mut Rewards) -> Result<()> {
-        // -Phi of the state that a transition starts from.
+    fn combine(&self, grasping: &[bool], end: EpisodeEnd, rewards: &mut Rewards) -> Result<()> {
+        // -Phi of the state in which a transition starts.
         let mut before = 0.0;
         for (t, held) in grasping.iter().enumerate() {
             let turned = rewards.rotation.get(t).copied().unwrap_or(0.0);
             let error = self.weight_position * rewards.position[t] + self.weight_rotation * turned;
             let error = finite("weighted error", error)?;
             rewards.reward[t] = match self.form {
-                // A difference, since -error would turn 0 into -0.
+                // A difference, because -error would turn 0 into -0.
                 Form::Penalty => 0.0 - error,
                 Form::Literal => error,
                 Form::Exp { scale } if *held => (-error / scale).exp(),
                 Form::Exp { .. } => 0.0,
                 Form::Potential { gamma } => {
-                    let after = if terminal && t + 1 == grasping.len() { 0.0 } else { error };
+                    let terminated = end == EpisodeEnd::Terminated && t + 1 == grasping.len();
+                    let after = if terminated { 0.0 } else { error };
                     std::mem::replace(&mut before, after) - gamma * after
                 }
             };
@@ -278,7 +287,7 @@ fn check_position(what: &'static str, position: &Vector3) -> Result<()> {
     if position.iter().all(|value| value.is_finite()) {
         return Ok(());
     }
-    Err(Error::Value { what, found: format!("{position:?}"), expected: "finite" })
+    Err(Error::Value { what, found: format!("{position:?}"), expected: "finite numbers" })
 }
 
 fn same_length(what: &'static str, found: usize, steps: usize, trailing: &str) -> Result<()> {
@@ -293,5 +302,5 @@ fn finite(what: &'static str, value: f64) -> Result<f64> {
     if value.is_finite() {
         return Ok(value);
     }
-    Err(Error::Value { what, found: value.to_string(), expected: "finite: the numbers are too large" })
+    Err(Error::Value { what, found: value.to_string(), expected: "a finite number; the inputs are too large" })
 }

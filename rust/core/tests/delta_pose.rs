@@ -1,6 +1,6 @@
 //! The law stays within its limits, and the gate moves only when the object does.
 
-use ocplanner_core::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow, checked_pose};
+use ocplanner_core::delta_pose::{DeltaPoseController, DeltaPoseLaw, Follow};
 use ocplanner_core::error::Error;
 use ocplanner_core::pose::{
     IDENTITY, Matrix3, Pose, add, multiply, quat_xyzw_from_rotation, rotate, rotation_exp, rotation_from_quat_xyzw,
@@ -15,7 +15,7 @@ fn rotations() -> impl Strategy<Value = [[f64; 3]; 3]> {
 
 fn poses() -> impl Strategy<Value = Pose> {
     (prop::array::uniform3(-2.0..2.0_f64), rotations())
-        .prop_map(|(position, rotation)| checked_pose("pose", position, rotation).unwrap())
+        .prop_map(|(position, rotation)| Pose::checked("pose", position, rotation).unwrap())
 }
 
 fn length(v: &[f64]) -> f64 {
@@ -51,8 +51,7 @@ proptest! {
         let law = DeltaPoseLaw { limit_horizontal: 1e3, limit_vertical: 1e3, limit_rotation: 3.0, scale_position: 1e3,
             scale_rotation: 3.0, ..DeltaPoseLaw::default() };
         let spin = rotation_exp(&[0.0, 0.0, turn]).unwrap();
-        let target = Pose::compose(&Pose { position: [0.0; 3], rotation: spin }, &object);
-        let target = Pose { position: object.position, ..target };
+        let target = Pose { position: object.position, rotation: multiply(&spin, &object.rotation) };
         let action = law.action(&object, &target, &eef, &IDENTITY).unwrap();
         let moved: [f64; 3] = std::array::from_fn(|i| eef.position[i] + action[i] * 1e3);
         let carried = add(&object.position, &rotate(&spin, &subtract(&eef.position, &object.position)));
@@ -104,7 +103,7 @@ proptest! {
         delta in prop::array::uniform3(-0.5..0.5_f64), axis in unit_vectors(), angle in 0.0..3.0_f64,
     ) {
         let target = Pose { position: delta, rotation: rotation_exp(&scale(&axis, angle)).unwrap() };
-        let here = Pose::IDENTITY;
+        let here = Pose { position: [0.0; 3], rotation: IDENTITY };
         let action = DeltaPoseLaw::default().action(&here, &target, &here, &IDENTITY).unwrap();
         let shorter = |length: f64, limit: f64| if length > limit { limit / length } else { 1.0 };
         let (flat, turn) = (shorter(delta[0].hypot(delta[1]), 0.05), angle.min(0.2));
@@ -162,9 +161,12 @@ proptest! {
     ) {
         // Moving and turning the whole world, base included, changes nothing.
         let law = DeltaPoseLaw::default();
-        let world = Pose { position: origin, rotation: base };
+        let world = |pose: &Pose| Pose {
+            position: add(&origin, &rotate(&base, &pose.position)),
+            rotation: multiply(&base, &pose.rotation),
+        };
         let expected = law.action(&object, &target, &eef, &IDENTITY).unwrap();
-        let moved = [&object, &target, &eef].map(|pose| world.compose(pose));
+        let moved = [&object, &target, &eef].map(world);
         let turn = multiply(&target.rotation, &transpose(&object.rotation));
         prop_assume!(turn[0][0] + turn[1][1] + turn[2][2] > -0.99);
         let found = law.action(&moved[0], &moved[1], &moved[2], &base).unwrap();
@@ -174,12 +176,12 @@ proptest! {
     }
 
     #[test]
-    fn whatever_it_follows_a_controller_stays_within_limits(
+    fn a_controller_stays_within_the_plan_and_the_limits(
         plan in prop::collection::vec(poses(), 1..8), seen in prop::collection::vec((poses(), poses()), 1..12),
         base in rotations(), which in 0..3_usize, with_rotation: bool,
     ) {
         let follow = [Follow::OpenLoop, Follow::Time, Follow::Gated { position: 1.0, rotation: 1.0 }][which];
-        let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), follow).unwrap();
+        let mut controller = DeltaPoseController::new(follow).unwrap();
         let rotations = with_rotation.then(|| plan.iter().map(|pose| pose.rotation).collect());
         controller.set_plan(plan.iter().map(|pose| pose.position).collect(), rotations, &seen[0].0).unwrap();
         let mut index = controller.index();
@@ -187,7 +189,7 @@ proptest! {
             let target = controller.target(object).unwrap();
             prop_assert!(controller.index() >= index && controller.index() < plan.len(), "never back, never beyond");
             index = controller.index();
-            let action = controller.action(object, &target, eef, &base).unwrap();
+            let action = DeltaPoseLaw::default().action(object, &target, eef, &base).unwrap();
             prop_assert!(action.iter().all(|x| x.abs() <= 1.0));
             prop_assert!(length(&action[..2]) <= 1.0 + 1e-12 && length(&action[3..]) <= 0.4 + 1e-12);
         }
@@ -205,7 +207,7 @@ fn line() -> Vec<[f64; 3]> {
 #[test]
 fn the_gate_waits_for_the_object() {
     let gate = Follow::Gated { position: 0.025, rotation: 0.2 };
-    let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), gate).unwrap();
+    let mut controller = DeltaPoseController::new(gate).unwrap();
     controller.set_plan(line(), Some(vec![IDENTITY; 20]), &at(0.1)).unwrap();
     assert_eq!(controller.index(), 4);
     let target = controller.target(&at(0.1)).unwrap();
@@ -223,7 +225,7 @@ fn the_gate_waits_for_the_object() {
 
 #[test]
 fn time_advances_whatever_the_object_does() {
-    let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), Follow::Time).unwrap();
+    let mut controller = DeltaPoseController::new(Follow::Time).unwrap();
     controller.set_plan(line(), None, &at(0.0)).unwrap();
     let seen: Vec<f64> = (0..25).map(|_| controller.target(&at(0.0)).unwrap().position[0]).collect();
     assert!((seen[0] - 0.02).abs() < 1e-12 && (seen[19] - 0.4).abs() < 1e-12 && seen[24] == seen[19]);
@@ -232,7 +234,7 @@ fn time_advances_whatever_the_object_does() {
 
 #[test]
 fn open_loop_is_blind_to_the_object() {
-    let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), Follow::OpenLoop).unwrap();
+    let mut controller = DeltaPoseController::new(Follow::OpenLoop).unwrap();
     controller.set_plan(line(), Some(vec![IDENTITY; 20]), &at(0.0)).unwrap();
     for step in 0..25 {
         let object = at(f64::from(step) * 0.3);
@@ -244,18 +246,18 @@ fn open_loop_is_blind_to_the_object() {
 
 #[test]
 fn bad_input_is_an_error() {
-    let nan = checked_pose("object", [f64::NAN, 0.0, 0.0], IDENTITY);
+    let nan = Pose::checked("object", [f64::NAN, 0.0, 0.0], IDENTITY);
     assert!(matches!(nan, Err(Error::Value { what: "object", .. })));
     let scaled = [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mirrored = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for bad in [scaled, mirrored, [[f64::NAN; 3]; 3]] {
-        assert!(checked_pose("object", [0.0; 3], bad).is_err());
+        assert!(Pose::checked("object", [0.0; 3], bad).is_err());
     }
     let law = DeltaPoseLaw { gain_position: -1.0, ..DeltaPoseLaw::default() };
     assert!(law.validate().is_err());
     let law = DeltaPoseLaw { limit_rotation: 0.6, ..DeltaPoseLaw::default() };
     assert!(law.validate().is_err());
-    let mut controller = DeltaPoseController::new(DeltaPoseLaw::default(), Follow::Time).unwrap();
+    let mut controller = DeltaPoseController::new(Follow::Time).unwrap();
     assert!(controller.target(&at(0.0)).is_err(), "no plan yet");
     assert!(controller.set_plan(Vec::new(), None, &at(0.0)).is_err());
     assert!(controller.set_plan(line(), Some(vec![IDENTITY; 3]), &at(0.0)).is_err());

@@ -7,6 +7,7 @@ use ocplanner_core::pose::{IDENTITY, Matrix3, Pose, Vector3, rotation_exp};
 use proptest::prelude::*;
 
 const HORIZON: usize = 6;
+const ORIGIN: Pose = Pose { position: [0.0; 3], rotation: IDENTITY };
 
 fn poses(count: usize, reach: f64) -> impl Strategy<Value = Vec<Pose>> {
     let pose = (prop::array::uniform3(-reach..reach), prop::array::uniform3(-4.0..4.0_f64))
@@ -37,8 +38,8 @@ proptest! {
     ) {
         let law = DeltaPoseLaw::default();
         let count = objects.len();
-        let mut batch = DeltaPoseBatch::new(count, law, follow).unwrap();
-        let mut alone = vec![DeltaPoseController::new(law, follow).unwrap(); count];
+        let mut batch = DeltaPoseBatch::new(count, follow).unwrap();
+        let mut alone = vec![DeltaPoseController::new(follow).unwrap(); count];
         for (plan, chosen) in [(plan, vec![true; count]), (again, chosen)] {
             let (positions, rotations) = split(&plan);
             let plans = PlanBatch {
@@ -69,8 +70,8 @@ proptest! {
 
 #[test]
 fn an_error_changes_nothing() {
-    let here = vec![Pose::IDENTITY; 2];
-    let mut batch = DeltaPoseBatch::new(2, DeltaPoseLaw::default(), Follow::Time).unwrap();
+    let here = vec![ORIGIN; 2];
+    let mut batch = DeltaPoseBatch::new(2, Follow::Time).unwrap();
     let good = vec![[0.0; 3]; 2 * HORIZON];
     let plans = |positions| PlanBatch { horizon: HORIZON, positions, rotations: None };
     batch.set_plans(plans(&good), &here, &[true, false]).unwrap();
@@ -82,15 +83,15 @@ fn an_error_changes_nothing() {
     let mut broken = good.clone();
     broken[HORIZON][1] = f64::NAN;
     assert!(matches!(batch.set_plans(plans(&broken), &here, &[true; 2]), Err(Error::Value { what: "plan", .. })));
-    let bad = [Pose::IDENTITY, Pose { rotation: [[0.0; 3]; 3], ..Pose::IDENTITY }];
+    let bad = [ORIGIN, Pose { rotation: [[0.0; 3]; 3], ..ORIGIN }];
     assert!(matches!(batch.targets(&bad), Err(Error::Value { what: "object", .. })));
     assert_eq!([0, 1].map(|i| batch.controllers()[i].index()), [1, 1], "the old plans go on");
 }
 
 #[test]
 fn lengths_are_checked() {
-    let (law, here) = (DeltaPoseLaw::default(), vec![Pose::IDENTITY; 2]);
-    let mut batch = DeltaPoseBatch::new(2, law, Follow::Time).unwrap();
+    let (law, here) = (DeltaPoseLaw::default(), vec![ORIGIN; 2]);
+    let mut batch = DeltaPoseBatch::new(2, Follow::Time).unwrap();
     let positions = vec![[0.0; 3]; 2 * HORIZON];
     let plans = PlanBatch { horizon: HORIZON, positions: &positions, rotations: None };
     let shape = |result: Result<(), Error>| matches!(result, Err(Error::Shape { .. }));

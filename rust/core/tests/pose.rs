@@ -1,8 +1,7 @@
-//! Six numbers make a rotation unless they are degenerate; poses act on points as their composition does.
+//! Six numbers make a rotation unless they are degenerate.
 
 use ocplanner_core::pose::{
-    IDENTITY, Matrix3, Pose, Vector3, add, cross, dot, multiply, norm, rotate, rotation_exp, rotation_from_6d, scale,
-    subtract, transpose,
+    IDENTITY, Matrix3, Vector3, add, cross, dot, multiply, norm, rotation_from_6d, scale, subtract, transpose,
 };
 use proptest::prelude::*;
 
@@ -18,17 +17,8 @@ fn lengths() -> impl Strategy<Value = f64> {
         .prop_map(|(power, digits, negative)| if negative { -digits } else { digits } * 10_f64.powi(power))
 }
 
-fn poses() -> impl Strategy<Value = Pose> {
-    (prop::array::uniform3(-2.0..2.0_f64), prop::array::uniform3(-4.0..4.0_f64))
-        .prop_map(|(position, turn)| Pose { position, rotation: rotation_exp(&turn).unwrap() })
-}
-
 fn six(a: &Vector3, b: &Vector3) -> [f64; 6] {
     [a[0], a[1], a[2], b[0], b[1], b[2]]
-}
-
-fn apply(pose: &Pose, point: &Vector3) -> Vector3 {
-    add(&pose.position, &rotate(&pose.rotation, point))
 }
 
 fn distance(a: &Matrix3, b: &Matrix3) -> f64 {
@@ -61,21 +51,5 @@ proptest! {
         let (a, b) = [parallel, (zero, first), (first, zero), (first, [f64::NAN; 3])][which];
         let message = rotation_from_6d(&six(&a, &b)).unwrap_err().to_string();
         prop_assert!(message.contains("neither zero nor parallel"), "{message}");
-    }
-
-    #[test]
-    fn composition_acts_as_one_pose_after_the_other(
-        a in poses(), b in poses(), point in prop::array::uniform3(-2.0..2.0_f64),
-    ) {
-        let at_once = apply(&a.compose(&b), &point);
-        prop_assert!(norm(&subtract(&at_once, &apply(&a, &apply(&b, &point)))) < 1e-12);
-        prop_assert!(norm(&subtract(&apply(&a.inverse(), &apply(&a, &point)), &point)) < 1e-12);
-    }
-
-    #[test]
-    fn poses_keep_distances(a in poses(), points in prop::array::uniform2(prop::array::uniform3(-2.0..2.0_f64))) {
-        let moved = points.map(|point| apply(&a, &point));
-        let apart = |points: &[Vector3; 2]| norm(&subtract(&points[0], &points[1]));
-        prop_assert!((apart(&moved) - apart(&points)).abs() < 1e-12);
     }
 }

@@ -2,7 +2,10 @@
 
 use ocplanner_core::error::Error;
 use ocplanner_core::pose::{IDENTITY, Matrix3, Vector3, multiply, norm, rotation_exp, scale};
-use ocplanner_core::reward::{Form, Poses, RewardLaw, Rewards, position_error, rotation_error};
+use ocplanner_core::reward::{
+    EpisodeEnd::{self, Terminated, Truncated},
+    Form, Poses, RewardLaw, Rewards, position_error, rotation_error,
+};
 use proptest::prelude::*;
 
 const FORMS: [Form; 4] = [Form::Penalty, Form::Literal, Form::Exp { scale: 2.5e-4 }, Form::Potential { gamma: 0.99 }];
@@ -32,24 +35,28 @@ fn episode() -> impl Strategy<Value = (Trajectory, Trajectory, Vec<bool>)> {
         .prop_flat_map(|steps| (trajectory(steps), trajectory(steps), prop::collection::vec(any::<bool>(), steps)))
 }
 
+fn ends() -> impl Strategy<Value = EpisodeEnd> {
+    prop_oneof![Just(Terminated), Just(Truncated)]
+}
+
 fn weights() -> impl Strategy<Value = (f64, f64)> {
     (0.0..10.0_f64, 0.0..10.0_f64)
 }
 
-fn rewards(law: RewardLaw, planned: Poses<'_>, achieved: Poses<'_>, grasping: &[bool], terminal: bool) -> Rewards {
+fn rewards(law: RewardLaw, planned: Poses<'_>, achieved: Poses<'_>, grasping: &[bool], end: EpisodeEnd) -> Rewards {
     let mut rewards = Rewards::default();
-    law.validate().unwrap().rewards(planned, achieved, grasping, terminal, &mut rewards).unwrap();
+    law.validate().unwrap().rewards(planned, achieved, grasping, end, &mut rewards).unwrap();
     rewards
 }
 
 proptest! {
     #[test]
     fn rewards_are_finite_and_zero_without_a_grasp(
-        (planned, achieved, grasping) in episode(), (a, b) in weights(), terminal: bool,
+        (planned, achieved, grasping) in episode(), (a, b) in weights(), end in ends(),
     ) {
         for form in FORMS {
             let law = RewardLaw { weight_position: a, weight_rotation: b, form };
-            let found = rewards(law, planned.poses(), achieved.poses(), &grasping, terminal);
+            let found = rewards(law, planned.poses(), achieved.poses(), &grasping, end);
             prop_assert_eq!([found.position.len(), found.rotation.len(), found.reward.len()], [grasping.len(); 3]);
             for (t, &held) in grasping.iter().enumerate() {
                 let (position, rotation, reward) = (found.position[t], found.rotation[t], found.reward[t]);
@@ -68,10 +75,10 @@ proptest! {
     }
 
     #[test]
-    fn the_plan_itself_is_best((_, on_plan, grasping) in episode(), (a, b) in weights(), terminal: bool) {
+    fn the_plan_itself_is_best((_, on_plan, grasping) in episode(), (a, b) in weights(), end in ends()) {
         for form in FORMS {
             let law = RewardLaw { weight_position: a, weight_rotation: b, form };
-            let found = rewards(law, on_plan.poses(), on_plan.poses(), &grasping, terminal);
+            let found = rewards(law, on_plan.poses(), on_plan.poses(), &grasping, end);
             for (&reward, &held) in found.reward.iter().zip(&grasping) {
                 let best = f64::from(u8::from(held && matches!(form, Form::Exp { .. })));
                 prop_assert_eq!(reward, best);
@@ -85,8 +92,8 @@ proptest! {
         (planned, achieved, grasping) in episode(), (a, b) in weights(),
     ) {
         let law = |form| RewardLaw { weight_position: a, weight_rotation: b, form };
-        let printed = rewards(law(Form::Literal), planned.poses(), achieved.poses(), &grasping, true);
-        let penalty = rewards(law(Form::Penalty), planned.poses(), achieved.poses(), &grasping, true);
+        let printed = rewards(law(Form::Literal), planned.poses(), achieved.poses(), &grasping, Terminated);
+        let penalty = rewards(law(Form::Penalty), planned.poses(), achieved.poses(), &grasping, Terminated);
         for t in 0..grasping.len() {
             let sum = a * printed.position[t] + b * printed.rotation[t];
             prop_assert!((printed.reward[t] - sum).abs() <= 1e-12 * sum);
@@ -99,19 +106,19 @@ proptest! {
         let law = RewardLaw { weight_position: a, weight_rotation: 0.0, form: Form::Exp { scale: a * x * x } };
         let here = Poses { position: &[[0.0; 3]], rotation: None };
         let away = Poses { position: &[[0.0, x, 0.0]], rotation: None };
-        prop_assert!((rewards(law, here, away, &[true], true).reward[0] - (-1.0_f64).exp()).abs() < 1e-12);
+        prop_assert!((rewards(law, here, away, &[true], Terminated).reward[0] - (-1.0_f64).exp()).abs() < 1e-12);
     }
 
     #[test]
     fn shaping_telescopes((planned, achieved, grasping) in episode(), (a, b) in weights(), gamma in 0.0..=1.0_f64) {
         let law = RewardLaw { weight_position: a, weight_rotation: b, form: Form::Potential { gamma } };
         let penalty = RewardLaw { form: Form::Penalty, ..law };
-        let errors = rewards(penalty, planned.poses(), achieved.poses(), &grasping, false).reward;
+        let errors = rewards(penalty, planned.poses(), achieved.poses(), &grasping, Truncated).reward;
         let discounted = |rewards: &[f64]| rewards.iter().rev().fold(0.0, |sum, reward| reward + gamma * sum);
         let size = 1e-11 * (1.0 + errors.iter().map(|error| error.abs()).sum::<f64>());
-        let ended = rewards(law, planned.poses(), achieved.poses(), &grasping, true).reward;
+        let ended = rewards(law, planned.poses(), achieved.poses(), &grasping, Terminated).reward;
         prop_assert!(discounted(&ended).abs() < size);
-        let cut = rewards(law, planned.poses(), achieved.poses(), &grasping, false).reward;
+        let cut = rewards(law, planned.poses(), achieved.poses(), &grasping, Truncated).reward;
         let last = errors.last().map_or(0.0, |phi| gamma.powi(i32::try_from(errors.len()).unwrap()) * phi);
         prop_assert!((discounted(&cut) - last).abs() < size, "{} is not {last}", discounted(&cut));
     }
@@ -144,7 +151,7 @@ proptest! {
         let mut found = Rewards::default();
         let (planned, achieved) = ([planned], [achieved]);
         let poses = |position| Poses { position, rotation: None };
-        if law.rewards(poses(&planned), poses(&achieved), &[true], false, &mut found).is_ok() {
+        if law.rewards(poses(&planned), poses(&achieved), &[true], Truncated, &mut found).is_ok() {
             prop_assert!(found.reward[0].is_finite() && found.position[0].is_finite());
         }
     }
@@ -157,13 +164,13 @@ fn shaping_pays_back_when_the_grasp_ends() {
     let grasping = [false, true, true, false, false];
     let law = RewardLaw { weight_position: 1.0, form: Form::Potential { gamma: 0.5 }, ..RewardLaw::default() };
     let poses = |position| Poses { position, rotation: None };
-    let found = rewards(law, poses(&planned), poses(&achieved), &grasping, true);
+    let found = rewards(law, poses(&planned), poses(&achieved), &grasping, Terminated);
     assert_eq!(found.position, [0.0, 1.0, 4.0, 0.0, 0.0]);
     assert_eq!(found.reward, [0.0, -0.5, 1.0 - 0.5 * 4.0, 4.0, 0.0]);
-    // A grasp that lasts to the end: a terminal state has no potential, a cut episode keeps it.
-    let held = |terminal| rewards(law, poses(&planned[..3]), poses(&achieved[..3]), &grasping[..3], terminal).reward;
-    assert_eq!(held(true), [0.0, -0.5, 1.0]);
-    assert_eq!(held(false), [0.0, -0.5, -1.0]);
+    // A grasp that lasts to the end: a terminal state has no potential, a truncated episode keeps it.
+    let held = |end| rewards(law, poses(&planned[..3]), poses(&achieved[..3]), &grasping[..3], end).reward;
+    assert_eq!(held(Terminated), [0.0, -0.5, 1.0]);
+    assert_eq!(held(Truncated), [0.0, -0.5, -1.0]);
 }
 
 #[test]
@@ -171,7 +178,7 @@ fn a_plan_of_positions_has_no_rotation_term() {
     let turned = rotation_exp(&[0.0, 0.0, 1.0]).unwrap();
     let planned = Poses { position: &[[0.0; 3]], rotation: None };
     let achieved = Poses { position: &[[0.1, 0.0, 0.0]], rotation: Some(&[turned]) };
-    let found = rewards(RewardLaw::default(), planned, achieved, &[true], true);
+    let found = rewards(RewardLaw::default(), planned, achieved, &[true], Terminated);
     assert!(found.rotation.is_empty());
     assert!((found.reward[0] + 0.003 * 0.01).abs() < 1e-15);
 }
@@ -179,7 +186,7 @@ fn a_plan_of_positions_has_no_rotation_term() {
 #[test]
 fn bad_input_is_an_error() {
     let run = |law: RewardLaw, planned: Poses<'_>, achieved: Poses<'_>, grasping: &[bool]| {
-        law.rewards(planned, achieved, grasping, true, &mut Rewards::default()).unwrap_err()
+        law.rewards(planned, achieved, grasping, Terminated, &mut Rewards::default()).unwrap_err()
     };
     let (law, origin) = (RewardLaw::default(), [[0.0; 3]]);
     let good = Poses { position: &origin, rotation: Some(&[IDENTITY]) };

@@ -1,7 +1,8 @@
 //! Winograd convolutions against the definition of a convolution, in f64.
 
-use ocplanner_core::nn::conv::{Conv, ConvWeights, Plane, Window};
-use ocplanner_core::nn::kernels::{GROUP, Level, Scheme, Storage};
+use ocplanner_core::nn::activation_map::{ActivationMap, Window};
+use ocplanner_core::nn::conv::{Conv, ConvWeights};
+use ocplanner_core::nn::kernels::{Epilogue, GROUP, Level, Nonlinearity, Residual, Scheme, Storage};
 use ocplanner_core::nn::winograd::{Winograd, WinogradWorkspace, best_scheme};
 use proptest::prelude::*;
 
@@ -18,8 +19,8 @@ fn numbers(count: usize, seed: u64) -> Vec<f32> {
 }
 
 struct Case {
-    input: Plane,
-    output: Plane,
+    input: ActivationMap,
+    output: ActivationMap,
     weight: Vec<f32>,
     bias: Vec<f32>,
     images: Vec<f32>,
@@ -29,8 +30,8 @@ struct Case {
 impl Case {
     fn new(height: usize, width: usize, groups: (usize, usize), borders: (usize, usize), batch: usize) -> Self {
         let (inputs, outputs) = (groups.0 * GROUP, groups.1 * GROUP);
-        let input = Plane::new(height, width, inputs, borders.0).unwrap();
-        let output = Plane::new(height, width, outputs, borders.1).unwrap();
+        let input = ActivationMap::new(height, width, inputs, borders.0).unwrap();
+        let output = ActivationMap::new(height, width, outputs, borders.1).unwrap();
         let mut images = numbers(batch * input.len(), 1);
         for image in images.chunks_exact_mut(input.len()) {
             input.clear_border(image);
@@ -44,7 +45,7 @@ impl Case {
     }
 
     /// Output number `channel` of pixel (`row`, `column`), from the definition.
-    fn expected(&self, image: usize, row: usize, column: usize, channel: usize, residual: bool, relu: bool) -> f64 {
+    fn expected(&self, image: usize, row: usize, column: usize, channel: usize, epilogue: Epilogue) -> f64 {
         let from = &self.images[image * self.input.len()..][..self.input.len()];
         let mut sum = f64::from(self.bias[channel]);
         for at in 0..9 {
@@ -55,10 +56,10 @@ impl Case {
                 sum += f64::from(value) * f64::from(self.weight[(channel * self.input.channels + k) * 9 + at]);
             }
         }
-        if residual {
+        if epilogue.residual == Residual::FromOutput {
             sum += f64::from(self.residual[image * self.output.len() + self.offset(row, column) + channel]);
         }
-        if relu { sum.max(0.0) } else { sum }
+        if epilogue.nonlinearity == Nonlinearity::Relu { sum.max(0.0) } else { sum }
     }
 
     fn offset(&self, row: usize, column: usize) -> usize {
@@ -66,13 +67,13 @@ impl Case {
     }
 
     /// Largest difference from the definition, and whether the border is untouched.
-    fn check(&self, result: &[f32], batch: usize, residual: bool, relu: bool) {
+    fn check(&self, result: &[f32], batch: usize, epilogue: Epilogue) {
         let scale = (9.0 * self.input.channels as f64).sqrt();
         for image in 0..batch {
             for row in 0..self.output.height {
                 for column in 0..self.output.width {
                     for channel in (0..self.output.channels).step_by(5) {
-                        let wanted = self.expected(image, row, column, channel, residual, relu);
+                        let wanted = self.expected(image, row, column, channel, epilogue);
                         let found = result[image * self.output.len() + self.offset(row, column) + channel];
                         let error = (f64::from(found) - wanted).abs();
                         assert!(
@@ -100,8 +101,8 @@ proptest! {
         borders in (1..3_usize, 0..3_usize),
         batch in 1..4_usize,
         scheme in prop::sample::select(&Scheme::ALL[..]),
-        residual: bool,
-        relu: bool,
+        residual in prop::sample::select(&[Residual::None, Residual::FromOutput][..]),
+        nonlinearity in prop::sample::select(&[Nonlinearity::None, Nonlinearity::Relu][..]),
     ) {
         let case = Case::new(height, width, groups, borders, batch);
         let kernel = |out: usize, channel: usize| {
@@ -109,9 +110,13 @@ proptest! {
         };
         for level in Level::available() {
             let conv = Winograd::new(level, scheme, case.input, case.output, kernel, |out| case.bias[out]);
-            let mut result = if residual { case.residual.clone() } else { vec![0.0; case.residual.len()] };
-            conv.run(batch, &case.images, &mut result, residual, relu, &mut WinogradWorkspace::default());
-            case.check(&result, batch, residual, relu);
+            let mut result = match residual {
+                Residual::FromOutput => case.residual.clone(),
+                Residual::None => vec![0.0; case.residual.len()],
+            };
+            let epilogue = Epilogue { residual, nonlinearity };
+            conv.run(batch, &case.images, &mut result, epilogue, &mut WinogradWorkspace::default());
+            case.check(&result, batch, epilogue);
         }
     }
 
@@ -119,18 +124,18 @@ proptest! {
     fn a_convolution_is_the_same_whatever_the_batch(side in 1..20_usize, batch in 1..40_usize) {
         let case = Case::new(side, side, (1, 2), (1, 1), batch);
         let weights = ConvWeights { weight: &case.weight, bias: &case.bias, inputs: case.input.channels, scale: 1.0 };
-        let conv = Conv::new(Level::detect(), Storage::F32, weights, SAME, case.input, 1, true).unwrap();
+        let conv = Conv::new(Level::detect(), Storage::F32, weights, SAME, case.input, 1, Nonlinearity::Relu).unwrap();
         let mut result = vec![f32::NAN; case.residual.len()];
-        conv.run(batch, &case.images, &mut result, false, &mut WinogradWorkspace::default());
-        case.check(&result, batch, false, true);
+        conv.run(batch, &case.images, &mut result, Residual::None, &mut WinogradWorkspace::default());
+        case.check(&result, batch, Epilogue { residual: Residual::None, nonlinearity: Nonlinearity::Relu });
     }
 }
 
 #[test]
 fn larger_batches_afford_more_weights() {
-    let plane = Plane::new(5, 5, 256, 1).unwrap();
-    assert_eq!(best_scheme(&plane, 1), None);
-    assert_eq!(best_scheme(&plane, 64), Some(Scheme::Five));
-    let large = Plane::new(19, 19, 64, 1).unwrap();
+    let map = ActivationMap::new(5, 5, 256, 1).unwrap();
+    assert_eq!(best_scheme(&map, 1), None);
+    assert_eq!(best_scheme(&map, 64), Some(Scheme::Five));
+    let large = ActivationMap::new(19, 19, 64, 1).unwrap();
     assert_eq!(best_scheme(&large, 1), Some(Scheme::Four));
 }

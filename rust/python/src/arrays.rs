@@ -1,15 +1,16 @@
-//! Views of NumPy arrays, checked before anything is read.
+//! NumPy arrays: checked views on the way in, owned arrays on the way out.
 
-use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray};
-use numpy::{PyUntypedArrayMethods, dtype};
+use numpy::ndarray::{ArrayD, IxDyn};
+use numpy::{Element, IntoPyArray, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use numpy::{PyUntypedArray, PyUntypedArrayMethods, dtype};
 use pyo3::intern;
 use pyo3::prelude::*;
 
-use crate::errors::shape_error;
+use crate::error::shape_error;
 
-/// A read-only view of a C-contiguous array of `T`, or a `ShapeError` that names the argument and what it is instead.
+/// A read-only view of a C-contiguous array of `T`, or a `ShapeError` that names the argument and says what was found.
 ///
-/// `shape` says in words what is expected, `"(..., 6)"`; its trailing numbers are `trailing`.
+/// `shape` is the expected shape as text, such as `"(..., 6)"`, and `trailing` its last axes.
 pub fn view<'py, T: Element>(
     what: &str,
     value: &Bound<'py, PyAny>,
@@ -58,14 +59,14 @@ pub fn strided_view<'py, T: Element>(
 
 /// The values of a (T,) array of bool.
 ///
-/// NumPy lets such an array hold other bytes than 0 and 1, which a Rust `bool` must not: they are read as bytes.
+/// NumPy lets such an array hold bytes other than 0 and 1, which a Rust `bool` must never hold, so it is read as bytes.
 pub fn flags(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
     let checked = view_rows::<bool>(what, value, "(T,)", &[])?;
     let bytes = checked.call_method1(intern!(value.py(), "view"), (dtype::<u8>(value.py()),))?;
     Ok(view::<u8>(what, &bytes, "(T,)", &[])?.as_slice()?.iter().map(|byte| *byte != 0).collect())
 }
 
-/// As [`view`], of an array with exactly one axis before the trailing ones.
+/// As [`view`], for an array with exactly one axis before the trailing ones.
 pub fn view_rows<'py, T: Element>(
     what: &str,
     value: &Bound<'py, PyAny>,
@@ -78,4 +79,23 @@ pub fn view_rows<'py, T: Element>(
         return Err(shape_error(value.py(), message));
     }
     Ok(array)
+}
+
+/// The most axes an array may have.
+const MOST_AXES: usize = 32;
+
+/// An array of `values` in C order, with the axes `leading`, then `trailing`.
+pub fn output<'py, T: Element>(
+    py: Python<'py>,
+    values: Vec<T>,
+    leading: &[usize],
+    trailing: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    let shape = [leading, trailing].concat();
+    if shape.len() > MOST_AXES {
+        let message = format!("the result would have {} axes, NumPy allows {MOST_AXES}", shape.len());
+        return Err(shape_error(py, message));
+    }
+    let array = ArrayD::from_shape_vec(IxDyn(&shape), values).map_err(|error| shape_error(py, error.to_string()))?;
+    Ok(array.into_pyarray(py))
 }

@@ -2,8 +2,7 @@
 
 use std::borrow::Cow;
 
-use numpy::ndarray::{ArrayD, IxDyn};
-use numpy::{IntoPyArray, PyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use ocplanner_core::delta_pose as core;
 use ocplanner_core::delta_pose_batch::actions;
 use ocplanner_core::error::Error;
@@ -11,15 +10,15 @@ use ocplanner_core::pose::{Matrix3, Pose, Vector3, check_rotation};
 use pyo3::prelude::*;
 
 use crate::arguments::{Pair, name};
-use crate::arrays::strided_view;
-use crate::errors::{shape_error, to_python};
+use crate::arrays::{output, strided_view};
+use crate::error::{shape_error, to_python};
 
-/// A position and a rotation as Python gives them.
+/// A pose as Python passes it: positions and rotations.
 pub type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Bound<'py, PyAny>>;
-/// An array of this module's results.
-pub type Output<'py> = Bound<'py, PyArrayDyn<f64>>;
+/// A pose as Python receives it.
+pub type PoseOutput<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
 
-/// Most numbers copied from an array that does not lie in C order: a broadcast one may be far larger than the memory.
+/// The most numbers copied from an array that is not in C order: a broadcast array may be far larger than the memory.
 const MOST_STRIDED: usize = 1 << 24;
 
 /// Rows of numbers and the axes before them.
@@ -31,7 +30,7 @@ pub struct Rows<T> {
 }
 
 impl<T> Rows<T> {
-    /// Whether the axes before a row are these.
+    /// Raises `ShapeError` unless the axes before a row are these.
     pub fn expect(&self, py: Python<'_>, what: &str, leading: &[usize]) -> PyResult<()> {
         if self.leading == leading {
             return Ok(());
@@ -45,23 +44,28 @@ pub fn positions(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Rows<Vector3>
     rows(what, value, "(..., 3)", &[3], |numbers| numbers.as_chunks::<3>().0.to_vec())
 }
 
+/// The matrices of a (..., 3, 3) array.
+fn matrices(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Rows<Matrix3>> {
+    let read = |numbers: &[f64]| numbers.as_chunks::<3>().0.as_chunks::<3>().0.to_vec();
+    rows(what, value, "(..., 3, 3)", &[3, 3], read)
+}
+
 /// The matrices of a (..., 3, 3) array, checked to be rotations.
 pub fn rotations(what: &'static str, value: &Bound<'_, PyAny>) -> PyResult<Rows<Matrix3>> {
-    let read = |numbers: &[f64]| numbers.as_chunks::<3>().0.as_chunks::<3>().0.to_vec();
-    let rows = rows(what, value, "(..., 3, 3)", &[3, 3], read)?;
+    let rows = matrices(what, value)?;
     let checked = rows.rows.iter().try_for_each(|rotation| check_rotation(what, rotation));
     checked.map_err(|error| to_python(value.py(), &error))?;
     Ok(rows)
 }
 
-/// The poses of a pair of (..., 3) and (..., 3, 3) arrays, finite and with true rotations.
+/// The poses of a pair of (..., 3) and (..., 3, 3) arrays, checked to be finite numbers and rotations.
 pub fn poses(what: &'static str, Pair(position, rotation): &PoseArrays<'_>) -> PyResult<Rows<Pose>> {
     let py = position.py();
     let Rows { leading, rows } = positions(what, position)?;
-    let rotations = rotations(what, rotation)?;
+    let rotations = matrices(what, rotation)?;
     rotations.expect(py, what, &leading)?;
     let pairs = rows.into_iter().zip(rotations.rows);
-    let rows = pairs.map(|(position, rotation)| core::checked_pose(what, position, rotation));
+    let rows = pairs.map(|(position, rotation)| Pose::checked(what, position, rotation));
     let rows = rows.collect::<Result<Vec<_>, Error>>().map_err(|error| to_python(py, &error))?;
     Ok(Rows { leading, rows })
 }
@@ -79,7 +83,7 @@ fn rows<T>(
             format!("{what}: a broadcast or strided array of {:?}; use numpy.ascontiguousarray", array.shape());
         return Err(shape_error(value.py(), message));
     }
-    // Not as_slice alone, which gives Fortran order as it lies in memory.
+    // Only where C order is certain: as_slice also accepts Fortran order and returns it as it lies in memory.
     let numbers = if array.is_c_contiguous() {
         Cow::Borrowed(array.as_slice()?)
     } else {
@@ -89,32 +93,7 @@ fn rows<T>(
     Ok(Rows { leading, rows: read(&numbers) })
 }
 
-/// An array of `numbers` with the axes `leading` and `trailing`.
-pub fn output<'py>(py: Python<'py>, numbers: &[f64], leading: &[usize], trailing: &[usize]) -> PyResult<Output<'py>> {
-    let array = ArrayD::from_shape_vec(IxDyn(&[leading, trailing].concat()), numbers.to_vec());
-    array.map(|array| array.into_pyarray(py)).map_err(|error| shape_error(py, error.to_string()))
-}
-
-/// The law's actions for poses with any axes before them, all the same.
-pub fn law_actions<'py>(
-    law: &core::DeltaPoseLaw,
-    object: &PoseArrays<'py>,
-    target: &PoseArrays<'py>,
-    eef: &PoseArrays<'py>,
-    rotation_world_base: &Bound<'py, PyAny>,
-) -> PyResult<Output<'py>> {
-    let py = rotation_world_base.py();
-    let (object, target, eef) = (poses("object", object)?, poses("target", target)?, poses("eef", eef)?);
-    let bases = rotations("rotation_world_base", rotation_world_base)?;
-    target.expect(py, "target", &object.leading)?;
-    eef.expect(py, "eef", &object.leading)?;
-    bases.expect(py, "rotation_world_base", &object.leading)?;
-    let found = py.detach(|| actions(law, &object.rows, &target.rows, &eef.rows, &bases.rows));
-    let found = found.map_err(|error| to_python(py, &error))?;
-    output(py, found.as_flattened(), &object.leading, &[6])
-}
-
-/// Gains, limits and scales of the law; see the stub for units.
+/// How a pose difference becomes an action; the stub gives the units.
 #[pyclass(frozen, module = "ocplanner._core")]
 pub struct DeltaPoseLaw(core::DeltaPoseLaw);
 
@@ -147,12 +126,7 @@ impl DeltaPoseLaw {
     }
 }
 
-/// The law given, or the default one.
-pub fn law_of(law: Option<&DeltaPoseLaw>) -> core::DeltaPoseLaw {
-    law.map_or_else(core::DeltaPoseLaw::default, |law| law.0)
-}
-
-/// The way of following of this name.
+/// The way of following by its name.
 pub fn follow_of(py: Python<'_>, name: &str, gate_position: f64, gate_rotation: f64) -> PyResult<core::Follow> {
     match name {
         "open-loop" => Ok(core::Follow::OpenLoop),
@@ -166,7 +140,7 @@ pub fn follow_of(py: Python<'_>, name: &str, gate_position: f64, gate_rotation: 
     }
 }
 
-/// Actions for one environment, or for many.
+/// Actions for one environment or for many: all arguments have the same axes before a pose's own.
 #[pyfunction]
 #[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
 fn delta_pose_action<'py>(
@@ -175,8 +149,17 @@ fn delta_pose_action<'py>(
     pose_eef: PoseArrays<'py>,
     rotation_world_base: Bound<'py, PyAny>,
     law: Option<&DeltaPoseLaw>,
-) -> PyResult<Output<'py>> {
-    law_actions(&law_of(law), &pose_object, &pose_target, &pose_eef, &rotation_world_base)
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let py = rotation_world_base.py();
+    let (object, target) = (poses("object", &pose_object)?, poses("target", &pose_target)?);
+    let (eef, base) = (poses("eef", &pose_eef)?, rotations("rotation_world_base", &rotation_world_base)?);
+    target.expect(py, "target", &object.leading)?;
+    eef.expect(py, "eef", &object.leading)?;
+    base.expect(py, "rotation_world_base", &object.leading)?;
+    let law = law.map_or_else(core::DeltaPoseLaw::default, |law| law.0);
+    let actions = py.detach(|| actions(&law, &object.rows, &target.rows, &eef.rows, &base.rows));
+    let actions = actions.map_err(|error| to_python(py, &error))?;
+    output(py, actions.into_flattened(), &object.leading, &[6])
 }
 
 /// Follows one plan at a time.
@@ -186,16 +169,15 @@ struct DeltaPoseController(core::DeltaPoseController);
 #[pymethods]
 impl DeltaPoseController {
     #[new]
-    #[pyo3(signature = (follow="gated", *, gate_position=0.025, gate_rotation=0.2, law=None))]
+    #[pyo3(signature = (follow="gated", *, gate_position=0.025, gate_rotation=0.2))]
     fn new(
         py: Python<'_>,
         #[pyo3(from_py_with = name)] follow: &str,
         gate_position: f64,
         gate_rotation: f64,
-        law: Option<&DeltaPoseLaw>,
     ) -> PyResult<Self> {
         let follow = follow_of(py, follow, gate_position, gate_rotation)?;
-        core::DeltaPoseController::new(law_of(law), follow).map(Self).map_err(|error| to_python(py, &error))
+        core::DeltaPoseController::new(follow).map(Self).map_err(|error| to_python(py, &error))
     }
 
     #[pyo3(signature = (positions, rotations, pose_object))]
@@ -218,19 +200,9 @@ impl DeltaPoseController {
             .map_err(|error| to_python(py, &error))
     }
 
-    fn target<'py>(&mut self, py: Python<'py>, pose_object: PoseArrays<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
+    fn target<'py>(&mut self, py: Python<'py>, pose_object: PoseArrays<'py>) -> PyResult<PoseOutput<'py>> {
         let target = self.0.target(&one(py, &pose_object)?).map_err(|error| to_python(py, &error))?;
-        Ok((output(py, &target.position, &[], &[3])?, output(py, target.rotation.as_flattened(), &[], &[3, 3])?))
-    }
-
-    fn action<'py>(
-        &self,
-        pose_object: PoseArrays<'py>,
-        pose_target: PoseArrays<'py>,
-        pose_eef: PoseArrays<'py>,
-        rotation_world_base: Bound<'py, PyAny>,
-    ) -> PyResult<Output<'py>> {
-        law_actions(self.0.law(), &pose_object, &pose_target, &pose_eef, &rotation_world_base)
+        pose_output(py, &[target], &[])
     }
 
     #[getter]
@@ -244,6 +216,14 @@ impl DeltaPoseController {
     }
 }
 
+/// Arrays of poses with the axes `leading`.
+pub fn pose_output<'py>(py: Python<'py>, poses: &[Pose], leading: &[usize]) -> PyResult<PoseOutput<'py>> {
+    let positions = poses.iter().flat_map(|pose| pose.position).collect();
+    let rotations = poses.iter().flat_map(|pose| pose.rotation).flatten().collect();
+    Ok((output(py, positions, leading, &[3])?, output(py, rotations, leading, &[3, 3])?))
+}
+
+/// A single pose.
 fn one(py: Python<'_>, object: &PoseArrays<'_>) -> PyResult<Pose> {
     let object = poses("object", object)?;
     object.expect(py, "object", &[])?;

@@ -7,29 +7,27 @@ use pyo3::prelude::*;
 use crate::arguments::{count, name};
 use crate::arrays::flags;
 use crate::delta_pose::{
-    DeltaPoseLaw, Output, PoseArrays, follow_of, law_of, output, poses, positions as position_rows,
-    rotations as rotation_rows,
+    PoseArrays, PoseOutput, follow_of, pose_output, poses, positions as position_rows, rotations as rotation_rows,
 };
-use crate::errors::{shape_error, to_python};
+use crate::error::{shape_error, to_python};
 
-/// Follows a plan in each of many environments.
+/// Follows one plan in each of many environments.
 #[pyclass(module = "ocplanner._core")]
 struct DeltaPoseBatch(core::DeltaPoseBatch);
 
 #[pymethods]
 impl DeltaPoseBatch {
     #[new]
-    #[pyo3(signature = (environments, follow="gated", *, gate_position=0.025, gate_rotation=0.2, law=None))]
+    #[pyo3(signature = (environments, follow="gated", *, gate_position=0.025, gate_rotation=0.2))]
     fn new(
         py: Python<'_>,
         #[pyo3(from_py_with = count)] environments: usize,
         #[pyo3(from_py_with = name)] follow: &str,
         gate_position: f64,
         gate_rotation: f64,
-        law: Option<&DeltaPoseLaw>,
     ) -> PyResult<Self> {
         let follow = follow_of(py, follow, gate_position, gate_rotation)?;
-        core::DeltaPoseBatch::new(environments, law_of(law), follow).map(Self).map_err(|error| to_python(py, &error))
+        core::DeltaPoseBatch::new(environments, follow).map(Self).map_err(|error| to_python(py, &error))
     }
 
     #[pyo3(signature = (positions, rotations, pose_object, chosen=None))]
@@ -60,12 +58,10 @@ impl DeltaPoseBatch {
         py.detach(|| self.0.set_plans(plans, &objects, &chosen)).map_err(|error| to_python(py, &error))
     }
 
-    fn targets<'py>(&mut self, py: Python<'py>, pose_object: PoseArrays<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
+    fn targets<'py>(&mut self, py: Python<'py>, pose_object: PoseArrays<'py>) -> PyResult<PoseOutput<'py>> {
         let objects = self.objects(py, &pose_object)?;
         let targets = py.detach(|| self.0.targets(&objects)).map_err(|error| to_python(py, &error))?;
-        let positions: Vec<f64> = targets.iter().flat_map(|pose| pose.position).collect();
-        let rotations: Vec<f64> = targets.iter().flat_map(|pose| pose.rotation).flatten().collect();
-        Ok((output(py, &positions, &[targets.len()], &[3])?, output(py, &rotations, &[targets.len()], &[3, 3])?))
+        pose_output(py, &targets, &[targets.len()])
     }
 
     #[getter]

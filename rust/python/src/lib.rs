@@ -1,4 +1,7 @@
-//! `ocplanner._core`: one binding file per core module, nothing clever.
+//! `ocplanner._core`: one binding file per module of the core, under the same name.
+//!
+//! A binding converts its arguments, releases the GIL, calls one function of the core, and converts the result. Besides
+//! the bindings there are `arrays` and `arguments`, which read arguments, and `mujoco`, which drives the simulator.
 
 use pyo3::prelude::*;
 
@@ -6,11 +9,10 @@ mod arguments;
 mod arrays;
 mod delta_pose;
 mod delta_pose_batch;
-mod errors;
+mod error;
 mod mujoco;
-mod native_control;
+mod osc;
 mod planner;
-mod plant;
 mod pose;
 mod reward;
 
@@ -25,6 +27,6 @@ mod _core {
         delta_pose::register(module)?;
         delta_pose_batch::register(module)?;
         reward::register(module)?;
-        native_control::register(module)
+        osc::register(module)
     }
 }

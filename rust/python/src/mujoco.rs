@@ -2,18 +2,19 @@
 //!
 //! MuJoCo is called through the library that the imported `mujoco` module has already loaded, never through a second
 //! copy, and only if both report the same version. `mjModel` and `mjData` stay opaque: their addresses come from the
-//! Python objects, their arrays are read through the NumPy views that those objects hand out, so no struct layout is
-//! assumed. What makes that sound:
+//! Python objects, and their arrays are read through the NumPy views that those objects provide, so no struct layout is
+//! assumed. This is sound because:
 //!
-//! * The Python objects and the views are kept alive by the loop, and MuJoCo never moves the buffers behind the views.
-//! * `MjModel` and `MjData` are checked to be those very classes and to belong together, every view to have the dtype,
-//!   order and length that the model's sizes ask for, and every index to lie inside its array.
-//! * An element is read or written through a raw pointer after a bounds check; no Rust reference to MuJoCo's memory
+//! * The loop keeps the Python objects and the views alive, and MuJoCo never moves the buffers behind the views.
+//! * `MjModel` and `MjData` are checked to be those very classes and to belong together; every view is checked to have the
+//!   dtype, order and length that follow from the model's sizes, and every index to lie inside its array.
+//! * An element is read or written through a raw pointer after a bounds check. No Rust reference to MuJoCo's memory
 //!   outlives one element, so MuJoCo may write between two reads.
-//! * The loop is borrowed mutably while it runs, and so are those of other arms that run along. As with `mujoco.mj_step`, which releases the GIL too, the caller must
-//!   not step the same data from another thread meanwhile.
+//! * While a loop runs, it is borrowed mutably, and so are the loops of other arms that run with it. As with
+//!   `mujoco.mj_step`, which also releases the GIL, the caller must not step the same data from another thread meanwhile.
 //!
-//! A fatal MuJoCo error (an exhausted arena) ends the process with MuJoCo's own message; `mujoco.mj_step` would raise.
+//! A fatal MuJoCo error (an exhausted arena) ends the process with MuJoCo's own message, where `mujoco.mj_step` would
+//! raise an exception.
 #![expect(unsafe_code, reason = "calls MuJoCo's C functions and reads its arrays, as justified above")]
 
 use std::ffi::{c_int, c_void};
@@ -24,9 +25,9 @@ use numpy::{Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedA
 use ocplanner_core::osc::Site;
 use pyo3::prelude::*;
 
-use crate::errors::named;
+use crate::error::named;
 
-/// `dlopen` only what is loaded already.
+/// Makes `dlopen` return only a library that is loaded already.
 const RTLD_NOLOAD: c_int = if cfg!(target_vendor = "apple") { 0x10 } else { 0x4 };
 
 type Version = unsafe extern "C" fn() -> c_int;
@@ -52,7 +53,7 @@ pub struct Sizes {
     pub nbody: usize,
 }
 
-/// A model and its data, with the views that the loop needs.
+/// A model and its data, with the views that the control loop needs.
 pub struct Simulation {
     mujoco: Mujoco,
     model: *const c_void,
@@ -66,7 +67,7 @@ pub struct Simulation {
     control_range: View<f64>,
     site_position: View<f64>,
     site_rotation: View<f64>,
-    /// Keeps what the pointers point to alive.
+    /// Keep alive what the pointers point to.
     _owners: [Py<PyAny>; 2],
 }
 
@@ -77,7 +78,7 @@ unsafe impl Send for Simulation {}
 unsafe impl Sync for Simulation {}
 
 impl Simulation {
-    /// Checks that the two belong together and takes the views.
+    /// Checks that model and data belong together, and takes the views.
     pub fn new(model: &Bound<'_, PyAny>, data: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = model.py();
         let mujoco = py.import("mujoco")?;
@@ -117,12 +118,12 @@ impl Simulation {
         })
     }
 
-    /// Whether both drive the same `MjData`.
+    /// Whether both refer to the same `MjData`.
     pub fn same_data(&self, other: &Self) -> bool {
         std::ptr::eq(self.data, other.data)
     }
 
-    /// The body that a site is fixed to.
+    /// The body to which a site is fixed.
     pub fn site_body(&self, model: &Bound<'_, PyAny>, site: usize) -> PyResult<usize> {
         let body = View::<i32>::of(model, "site_bodyid", self.sizes.nsite)?.get(site);
         Ok(usize::try_from(body)?)
@@ -141,7 +142,7 @@ impl Simulation {
         unsafe { function(self.model, self.data) }
     }
 
-    /// A site's pose; its velocity is left zero.
+    /// A site's pose; the velocity is left at zero.
     pub fn site(&self, site: usize) -> Site {
         Site {
             position: std::array::from_fn(|i| self.site_position.get(3 * site + i)),
@@ -150,10 +151,10 @@ impl Simulation {
         }
     }
 
-    /// A site's velocity; its Jacobian is left in `jacobian` (6 x nv).
+    /// A site's velocity; writes its Jacobian to `jacobian` (6 x nv).
     pub fn site_velocity(&mut self, site: usize, jacobian: &mut [f64]) -> [f64; 6] {
         let nv = self.sizes.nv;
-        assert!(jacobian.len() == 6 * nv && site < self.sizes.nsite, "checked when the loop was made");
+        assert!(jacobian.len() == 6 * nv && site < self.sizes.nsite, "checked when the loop was created");
         let (translation, rotation) = jacobian.split_at_mut(3 * nv);
         // SAFETY: as in `run`; MuJoCo writes 3 x nv numbers to each half, and the site exists.
         unsafe {
@@ -168,7 +169,7 @@ impl Simulation {
         std::array::from_fn(|row| (0..nv).map(|k| jacobian[row * nv + k] * self.qvel.get(k)).sum())
     }
 
-    /// Sets an actuator's command, clipped to its control range; NaN stays.
+    /// Sets an actuator's command, clipped to its control range. NaN stays NaN.
     pub fn command(&mut self, actuator: usize, value: f64) {
         let (low, high) = (self.control_range.get(2 * actuator), self.control_range.get(2 * actuator + 1));
         let clipped = if value.is_nan() { value } else { value.max(low).min(high) };
@@ -203,12 +204,15 @@ impl Mujoco {
             })
             .next()
             .ok_or_else(|| {
-                let message = format!("mujoco {release} has loaded no {} beside its module", names.join(" or "));
+                let message = format!(
+                    "mujoco {release} has loaded no {} from its own folder; reinstall mujoco",
+                    names.join(" or ")
+                );
                 named(py, "VersionError", message)
             })?;
         let missing = |error: libloading::Error| named(py, "VersionError", format!("mujoco {release}: {error}"));
-        // SAFETY: these are the functions' signatures in every MuJoCo from 2.1 to 3.9; the version is checked below
-        // before any other is called.
+        // SAFETY: the functions have these signatures in every MuJoCo from 2.1 to 3.9, and the version is checked below
+        // before any other function is called.
         let (version, functions) = unsafe {
             let version = *library.get::<Version>(b"mj_version\0").map_err(missing)?;
             let functions = Self {
@@ -223,14 +227,16 @@ impl Mujoco {
         };
         let expected: c_int = module.call_method0("mj_version")?.extract()?;
         if version != expected {
-            let message = format!("the loaded MuJoCo library is version {version}, the mujoco module {expected}");
+            let message = format!(
+                "the loaded MuJoCo library is version {version}, but the mujoco module is {expected}; reinstall mujoco"
+            );
             return Err(named(py, "VersionError", message));
         }
         Ok(functions)
     }
 }
 
-/// One of MuJoCo's arrays, through the NumPy view that its Python object hands out.
+/// One of MuJoCo's arrays, through the NumPy view that its Python object provides.
 pub struct View<T> {
     pointer: *mut T,
     length: usize,
@@ -254,10 +260,10 @@ impl<T: Element + Copy> View<T> {
         Ok(Self { pointer: array.data(), length, _array: array.clone().unbind() })
     }
 
-    /// One element; panics outside the array.
+    /// One element. Panics outside the array.
     pub fn get(&self, index: usize) -> T {
         assert!(index < self.length, "index {index} of {}", self.length);
-        // SAFETY: inside the array, which `_array` keeps alive, and aligned since NumPy says so for this dtype.
+        // SAFETY: inside the array, which `_array` keeps alive, and aligned, as NumPy's dtype promises.
         unsafe { self.pointer.add(index).read() }
     }
 

@@ -1,15 +1,14 @@
 //! Bindings of `ocplanner_core::planner`.
 
-use numpy::ndarray::{ArrayD, IxDyn};
-use numpy::{IntoPyArray, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use ocplanner_core::nn::kernels::{Level, Storage};
 use ocplanner_core::planner::{self as core, Modes, Outputs, Plans};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::arguments::{count, items, name, optional_count};
-use crate::arrays::view_rows;
-use crate::errors::{shape_error, to_python, unknown_name};
+use crate::arrays::{output, view_rows};
+use crate::error::{shape_error, to_python, unknown_name};
 
 /// The engine behind `ocplanner.Planner`.
 #[pyclass(frozen, module = "ocplanner._core")]
@@ -19,7 +18,7 @@ type Arrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Option<Bound<'py, PyArrayDyn<f6
 
 #[pymethods]
 impl PlannerEngine {
-    /// Loads the bytes of a planner file, with `storage` "f32" or "bf16" for the weights.
+    /// Loads the bytes of a planner file, with the weights stored as "f32" or "bf16".
     #[new]
     #[pyo3(signature = (data, storage="f32"))]
     fn new(py: Python<'_>, data: &Bound<'_, PyBytes>, #[pyo3(from_py_with = name)] storage: &str) -> PyResult<Self> {
@@ -39,8 +38,8 @@ impl PlannerEngine {
         self.0.config_json()
     }
 
-    /// Plans of the most probable mode, or of all modes with `all_modes`: positions, rotations or None, probabilities;
-    /// only their first `steps`, if given.
+    /// Plans of the most probable mode, or of all modes: positions, rotations or None, probabilities. With `steps` only
+    /// that many steps are decoded.
     #[pyo3(signature = (images, all_modes=false, threads=1, steps=None))]
     fn plan<'py>(
         &self,
@@ -54,19 +53,17 @@ impl PlannerEngine {
         let slices = slices(&views)?;
         let modes = if all_modes { Modes::All } else { Modes::Best };
         let config = self.0.config();
-        let horizon = steps.unwrap_or(config.horizon);
+        let steps = steps.unwrap_or(config.horizon);
         let mut plans = Plans::default();
-        py.detach(|| self.0.plan_steps(&slices, batch, modes, horizon, threads, &mut plans))
+        py.detach(|| self.0.plan(&slices, batch, modes, steps, threads, &mut plans))
             .map_err(|error| to_python(py, &error))?;
         let leading = if all_modes { vec![batch, config.modes] } else { vec![batch] };
-        let shaped = |values: Vec<f64>, trailing: &[usize]| {
-            let shape = [leading.as_slice(), trailing].concat();
-            let array = ArrayD::from_shape_vec(IxDyn(&shape), values);
-            array.map(|array| array.into_pyarray(py)).map_err(|error| shape_error(py, error.to_string()))
+        let position = output(py, plans.position, &leading, &[steps, 3])?;
+        let rotation = match config.outputs {
+            Outputs::Pose => Some(output(py, plans.rotation, &leading, &[steps, 3, 3])?),
+            Outputs::Position => None,
         };
-        let position = shaped(plans.position, &[horizon, 3])?;
-        let rotation = if self.plans_rotations() { Some(shaped(plans.rotation, &[horizon, 3, 3])?) } else { None };
-        Ok((position, rotation, shaped(plans.probability, &[])?))
+        Ok((position, rotation, output(py, plans.probability, &leading, &[])?))
     }
 
     /// Latent means of the most probable mode, (B, latent) float32.
@@ -81,8 +78,7 @@ impl PlannerEngine {
         let slices = slices(&views)?;
         let mut latents = Vec::new();
         py.detach(|| self.0.encode(&slices, batch, threads, &mut latents)).map_err(|error| to_python(py, &error))?;
-        let array = ArrayD::from_shape_vec(IxDyn(&[batch, self.0.config().latent]), latents);
-        array.map(|array| array.into_pyarray(py)).map_err(|error| shape_error(py, error.to_string()))
+        output(py, latents, &[batch, self.0.config().latent], &[])
     }
 }
 

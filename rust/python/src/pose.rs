@@ -1,14 +1,12 @@
-//! Bindings of `ocplanner_core::pose`: the same functions over arrays of any leading shape.
+//! Bindings of `ocplanner_core::pose`: its functions over arrays with any leading axes.
 
-use numpy::ndarray::{ArrayD, IxDyn};
-use numpy::{IntoPyArray, PyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use ocplanner_core::error::Result;
-use ocplanner_core::pose::{self as core, Matrix3, Pose};
+use ocplanner_core::pose::{self as core, Matrix3};
 use pyo3::prelude::*;
 
-use crate::arguments::Pair;
-use crate::arrays::view;
-use crate::errors::{shape_error, to_python};
+use crate::arrays::{output, view};
+use crate::error::{shape_error, to_python};
 
 type Output<'py> = Bound<'py, PyArrayDyn<f64>>;
 
@@ -16,12 +14,12 @@ fn matrix(row: &[f64]) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|j| row[3 * i + j]))
 }
 
-/// Applies `function` to the rows of an array whose last axes are `trailing` and returns rows of `output` axes.
+/// Applies `function` to the rows of an array with the last axes `trailing`, and returns rows with the axes `row`.
 fn map_rows<'py, const N: usize>(
     value: &Bound<'py, PyAny>,
     name: &str,
     (shape, trailing): (&str, &[usize]),
-    output: &[usize],
+    row: &[usize],
     function: impl Fn(&[f64]) -> Result<[f64; N]> + Sync,
 ) -> PyResult<Output<'py>> {
     let py = value.py();
@@ -37,19 +35,7 @@ fn map_rows<'py, const N: usize>(
     };
     let values = py.detach(compute).map_err(|error| to_python(py, &error))?;
     let leading = &array.shape()[..array.shape().len() - trailing.len()];
-    finish(py, values, &[leading, output].concat())
-}
-
-/// Most axes that an array may have.
-const MOST_AXES: usize = 32;
-
-fn finish<'py>(py: Python<'py>, values: Vec<f64>, shape: &[usize]) -> PyResult<Output<'py>> {
-    if shape.len() > MOST_AXES {
-        let message = format!("the result would have {} axes, NumPy allows {MOST_AXES}", shape.len());
-        return Err(shape_error(py, message));
-    }
-    let array = ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| shape_error(py, error.to_string()))?;
-    Ok(array.into_pyarray(py))
+    output(py, values, leading, row)
 }
 
 const ROT6D: (&str, &[usize]) = ("(..., 6)", &[6]);
@@ -131,44 +117,10 @@ fn geodesic_angle<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult
         pairs.map(|(a, b)| core::geodesic_angle(&matrix(a), &matrix(b))).collect::<Result<Vec<f64>>>()
     };
     let angles = py.detach(compute).map_err(|error| to_python(py, &error))?;
-    finish(py, angles, &first.shape()[..first.shape().len() - 2])
+    output(py, angles, &first.shape()[..first.shape().len() - 2], &[])
 }
 
-type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Bound<'py, PyAny>>;
-
-fn one_pose(name: &str, Pair(position, rotation): &PoseArrays<'_>) -> PyResult<Pose> {
-    let position = view::<f64>(&format!("{name} position"), position, "(3,)", &[3])?;
-    let rotation = view::<f64>(&format!("{name} rotation"), rotation, "(3, 3)", &[3, 3])?;
-    let (p, r) = (position.as_slice()?, rotation.as_slice()?);
-    if p.len() != 3 || r.len() != 9 {
-        let py = position.py();
-        return Err(shape_error(py, format!("{name}: expected one pose, found several")));
-    }
-    Ok(Pose { position: [p[0], p[1], p[2]], rotation: matrix(r) })
-}
-
-fn pose_arrays<'py>(py: Python<'py>, pose: &Pose) -> PyResult<(Output<'py>, Output<'py>)> {
-    let position = finish(py, pose.position.to_vec(), &[3])?;
-    Ok((position, finish(py, flat(pose.rotation).to_vec(), &[3, 3])?))
-}
-
-/// `pose_a_c` of `pose_a_b` and `pose_b_c`; a pose is a pair of (3,) m and (3, 3) float64 arrays.
-#[pyfunction]
-fn compose_poses<'py>(
-    py: Python<'py>,
-    pose_a_b: PoseArrays<'py>,
-    pose_b_c: PoseArrays<'py>,
-) -> PyResult<(Output<'py>, Output<'py>)> {
-    pose_arrays(py, &one_pose("pose_a_b", &pose_a_b)?.compose(&one_pose("pose_b_c", &pose_b_c)?))
-}
-
-/// `pose_b_a` of `pose_a_b`.
-#[pyfunction]
-fn invert_pose<'py>(py: Python<'py>, pose_a_b: PoseArrays<'py>) -> PyResult<(Output<'py>, Output<'py>)> {
-    pose_arrays(py, &one_pose("pose_a_b", &pose_a_b)?.inverse())
-}
-
-/// Adds this file's functions and classes to the module.
+/// Adds this file's functions to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(rotation_from_6d, module)?)?;
     module.add_function(wrap_pyfunction!(rotation_to_6d, module)?)?;
@@ -178,7 +130,5 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(quat_wxyz_from_rotation, module)?)?;
     module.add_function(wrap_pyfunction!(rotation_log, module)?)?;
     module.add_function(wrap_pyfunction!(rotation_exp, module)?)?;
-    module.add_function(wrap_pyfunction!(geodesic_angle, module)?)?;
-    module.add_function(wrap_pyfunction!(compose_poses, module)?)?;
-    module.add_function(wrap_pyfunction!(invert_pose, module)?)
+    module.add_function(wrap_pyfunction!(geodesic_angle, module)?)
 }

@@ -1,18 +1,18 @@
 //! Bindings of `ocplanner_core::reward`.
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
-use ocplanner_core::reward::{self as core, Episode, Form, Poses, Rewards};
+use ocplanner_core::reward::{self as core, Episode, EpisodeEnd, Form, Poses, Rewards};
 use pyo3::prelude::*;
 
 use crate::arguments::{Pair, count, items, name};
 use crate::arrays::{flags, view_rows};
-use crate::errors::{shape_error, to_python, unknown_name};
+use crate::error::{shape_error, to_python, unknown_name};
 use crate::planner::{PlannerEngine, slices};
 
 type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Option<Bound<'py, PyAny>>>;
 type Terms<'py> = (Bound<'py, PyArray1<f64>>, Option<Bound<'py, PyArray1<f64>>>, Bound<'py, PyArray1<f64>>);
 
-/// Checked views of poses, as the core reads them.
+/// Checked views of an episode's poses.
 struct PoseViews<'py> {
     position: PyReadonlyArrayDyn<'py, f64>,
     rotation: Option<PyReadonlyArrayDyn<'py, f64>>,
@@ -35,7 +35,7 @@ impl<'py> PoseViews<'py> {
     }
 }
 
-/// Weights and form of the reward; see the stub for units.
+/// Weights and form of the reward; the stub gives the units.
 #[pyclass(frozen, module = "ocplanner._core")]
 struct RewardLaw(core::RewardLaw);
 
@@ -62,7 +62,7 @@ impl RewardLaw {
         law.validate().map(Self).map_err(|error| to_python(py, &error))
     }
 
-    /// Terms and rewards of an episode whose plans are at hand.
+    /// Terms and rewards of an episode.
     #[pyo3(signature = (planned, achieved, grasping, *, terminal=true))]
     fn rewards<'py>(
         &self,
@@ -76,7 +76,7 @@ impl RewardLaw {
         let grasping = flags("grasping", grasping)?;
         let (planned, achieved) = (planned.poses()?, achieved.poses()?);
         let mut rewards = Rewards::default();
-        py.detach(|| self.0.rewards(planned, achieved, &grasping, terminal, &mut rewards))
+        py.detach(|| self.0.rewards(planned, achieved, &grasping, end(terminal), &mut rewards))
             .map_err(|error| to_python(py, &error))?;
         Ok(terms(py, rewards, planned.rotation.is_some()))
     }
@@ -104,12 +104,16 @@ impl RewardLaw {
             let message = format!("grasping: {} flags, but there are {batch} images", grasping.len());
             return Err(shape_error(py, message));
         }
-        let episode = Episode { images: &images, achieved, grasping: &grasping, terminal };
+        let episode = Episode { images: &images, achieved, grasping: &grasping, end: end(terminal) };
         let mut rewards = Rewards::default();
         py.detach(|| self.0.label(&planner.0, &episode, step, threads, &mut rewards))
             .map_err(|error| to_python(py, &error))?;
         Ok(terms(py, rewards, planner.plans_rotations()))
     }
+}
+
+fn end(terminal: bool) -> EpisodeEnd {
+    if terminal { EpisodeEnd::Terminated } else { EpisodeEnd::Truncated }
 }
 
 fn terms(py: Python<'_>, rewards: Rewards, with_rotation: bool) -> Terms<'_> {

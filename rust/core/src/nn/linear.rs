@@ -1,14 +1,14 @@
 //! Linear layers.
 
-use super::conv::Plane;
-use super::kernels::{Gather, Level, Panels, Product, Storage, matmul, padded};
+use super::activation_map::ActivationMap;
+use super::kernels::{Epilogue, Gemm, Im2col, Level, Nonlinearity, Panels, Residual, Storage, gemm, padded};
 
-/// `y = [relu](W x + b)` for rows whose lengths are padded to whole groups.
+/// `y = [relu](W x + b)` for rows padded to whole groups.
 #[derive(Debug)]
 pub struct Linear {
     panels: Panels,
-    gather: Gather,
-    relu: bool,
+    im2col: Im2col,
+    nonlinearity: Nonlinearity,
 }
 
 impl Linear {
@@ -21,25 +21,25 @@ impl Linear {
         inputs: usize,
         weight: impl Fn(usize, usize) -> f32,
         bias: &[f32],
-        relu: bool,
+        nonlinearity: Nonlinearity,
     ) -> Self {
         let panels = Panels::pack(level, storage, (outputs, padded(outputs)), inputs, weight, |output| bias[output]);
-        Self { panels, gather: Gather::row(inputs), relu }
+        Self { panels, im2col: Im2col::row(inputs), nonlinearity }
     }
 
-    /// As [`Linear::new`], over all pixels of a bordered image: `input` counts its numbers without the border.
+    /// As [`Linear::new`], over all pixels of a bordered map: `input` counts its numbers without the border.
     #[must_use]
     pub fn over_map(
         level: Level,
         storage: Storage,
         outputs: usize,
-        map: &Plane,
+        map: &ActivationMap,
         weight: impl Fn(usize, usize) -> f32,
         bias: &[f32],
-        relu: bool,
+        nonlinearity: Nonlinearity,
     ) -> Self {
         let inputs = map.height * map.width * map.channels;
-        Self { gather: map.rows(), ..Self::new(level, storage, outputs, inputs, weight, bias, relu) }
+        Self { im2col: map.whole(), ..Self::new(level, storage, outputs, inputs, weight, bias, nonlinearity) }
     }
 
     /// Length of an output row, padding included.
@@ -50,16 +50,15 @@ impl Linear {
 
     /// Runs over rows that are `input_stride` and `output_stride` apart.
     pub fn run(&self, rows: usize, input: &[f32], input_stride: usize, output: &mut [f32], output_stride: usize) {
-        matmul(&mut Product {
+        gemm(&mut Gemm {
             panels: &self.panels,
-            gather: &self.gather,
+            im2col: &self.im2col,
             batch: rows,
             input,
             input_stride,
             output,
             output_stride,
-            accumulate: false,
-            relu: self.relu,
+            epilogue: Epilogue { residual: Residual::None, nonlinearity: self.nonlinearity },
         });
     }
 }

@@ -1,9 +1,9 @@
-//! The trajectory decoder: an LSTM that reads the same latent at every step, and a linear head.
+//! The trajectory decoder: an LSTM that reads the same latent at every step, then a linear head.
 
-use super::kernels::{Buffer, Level, LstmStep, Storage, Stored, lstm_step, padded, tanh_in_place};
+use super::kernels::{Buffer, Level, LstmStep, Nonlinearity, Storage, Stored, lstm_step, padded, tanh_in_place};
 use super::linear::Linear;
 
-/// Decoder of latents to any number of steps of `outputs` numbers.
+/// Decodes latents to any number of steps of `outputs` numbers each.
 #[derive(Debug)]
 pub struct Decoder {
     level: Level,
@@ -14,7 +14,7 @@ pub struct Decoder {
     hidden: usize,
 }
 
-/// Weights of a decoder in the layouts of torch.
+/// Weights of a decoder in torch's layouts.
 #[derive(Debug, Clone, Copy)]
 pub struct DecoderWeights<'a> {
     /// (2 hidden, latent) and (2 hidden,): the first state, h then c.
@@ -44,7 +44,7 @@ pub struct DecoderWorkspace {
 }
 
 impl Decoder {
-    /// Packs the weights; the head's are f32 whatever the storage.
+    /// Packs the weights. The head's stay f32 under either storage.
     #[must_use]
     pub fn new(level: Level, storage: Storage, weights: &DecoderWeights<'_>) -> Self {
         let DecoderWeights { latent, hidden, .. } = *weights;
@@ -72,7 +72,7 @@ impl Decoder {
             padded(latent),
             |out, k| at(weights.start.0, state_row(out), k, latent),
             &start_bias,
-            false,
+            Nonlinearity::None,
         );
         let gate_bias: Vec<f32> = (0..4 * stored).map(|i| gate_row(i).map_or(0.0, |row| weights.bias[row])).collect();
         let from_latent = Linear::new(
@@ -82,7 +82,7 @@ impl Decoder {
             padded(latent),
             |out, k| at(weights.from_latent, gate_row(out), k, latent),
             &gate_bias,
-            false,
+            Nonlinearity::None,
         );
         let mut recurrent = Buffer::zeros(4 * stored * stored);
         for (index, slot) in recurrent.iter_mut().enumerate() {
@@ -96,7 +96,7 @@ impl Decoder {
             stored,
             |out, k| at(weights.head.0, Some(out), k, hidden),
             weights.head.1,
-            false,
+            Nonlinearity::None,
         );
         Self { level, start, from_latent, recurrent: Stored::new(storage, recurrent), head, hidden: stored }
     }

@@ -1,8 +1,8 @@
-//! 3 x 3 convolutions of stride 1 through Winograd's transforms: fewer products, more weights.
+//! 3 x 3 convolutions of stride 1 through Winograd's transforms: fewer multiplications, more weights.
 
-use super::conv::Plane;
+use super::activation_map::ActivationMap;
 use super::kernels::{
-    Buffer, Finish, GROUP, Gather, Level, Panels, Product, Scheme, Storage, Tiles, matmul, transform_input,
+    Buffer, Epilogue, GROUP, Gemm, Im2col, Level, Panels, Scheme, Storage, Tiles, gemm, transform_input,
     transform_output,
 };
 
@@ -23,18 +23,18 @@ pub struct Winograd {
     scheme: Scheme,
     products: Vec<Panels>,
     bias: Buffer,
-    gather: Gather,
-    input: Plane,
-    output: Plane,
+    im2col: Im2col,
+    input: ActivationMap,
+    output: ActivationMap,
 }
 
-/// Products that take as long as fetching one weight from memory, with the transforms' share on top: measured.
+/// How many products take as long as fetching one weight from memory, with the transforms' share on top. Measured.
 const PRODUCTS_PER_WEIGHT: isize = 16;
 
-/// The scheme that saves most on a batch, if any does: fewer products have to outweigh the additional weights, which are
-/// fetched once a batch.
+/// The scheme that saves the most on a batch, if any does: the products saved must outweigh the additional weights, which
+/// are fetched once per batch.
 #[must_use]
-pub fn best_scheme(output: &Plane, batch: usize) -> Option<Scheme> {
+pub fn best_scheme(output: &ActivationMap, batch: usize) -> Option<Scheme> {
     let direct = 9 * output.height * output.width;
     let gain = |scheme: &Scheme| {
         let products = tiles(*scheme, output) * scheme.positions();
@@ -44,24 +44,24 @@ pub fn best_scheme(output: &Plane, batch: usize) -> Option<Scheme> {
     Scheme::ALL.into_iter().filter(|scheme| gain(scheme) > 0).max_by_key(gain)
 }
 
-fn tiles(scheme: Scheme, output: &Plane) -> usize {
+fn tiles(scheme: Scheme, output: &ActivationMap) -> usize {
     output.height.div_ceil(scheme.outputs()) * output.width.div_ceil(scheme.outputs())
 }
 
-/// Distance between the transformed numbers of two positions: a cache line more than they need, since positions a power
-/// of two apart would push each other out of the cache.
+/// Distance between the transformed numbers of two positions: one cache line more than they need, because positions a
+/// power of two apart would evict each other from the cache.
 const fn stride(rows: usize, channels: usize) -> usize {
     rows * channels + GROUP
 }
 
 impl Winograd {
-    /// Transforms `kernel(output, input)`, nine numbers row by row, for images whose border is at least 1.
+    /// Transforms `kernel(output, input)`, nine numbers row by row, for input maps whose border is at least 1.
     #[must_use]
     pub fn new(
         level: Level,
         scheme: Scheme,
-        input: Plane,
-        output: Plane,
+        input: ActivationMap,
+        output: ActivationMap,
         kernel: impl Fn(usize, usize) -> [f64; 9],
         bias: impl Fn(usize) -> f32,
     ) -> Self {
@@ -77,23 +77,22 @@ impl Winograd {
         for (out, slot) in biases.iter_mut().enumerate() {
             *slot = bias(out);
         }
-        Self { level, scheme, products, bias: biases, gather: Gather::row(inputs), input, output }
+        Self { level, scheme, products, bias: biases, im2col: Im2col::row(inputs), input, output }
     }
 
-    /// Runs over a batch of images; with `accumulate` the output already holds the residual.
+    /// Runs over a batch; the output's border must hold zeros already.
     pub fn run(
         &self,
         batch: usize,
         input: &[f32],
         output: &mut [f32],
-        accumulate: bool,
-        relu: bool,
+        epilogue: Epilogue,
         workspace: &mut WinogradWorkspace,
     ) {
         let (positions, tiles) = (self.scheme.positions(), tiles(self.scheme, &self.output));
         let (inputs, outputs) = (self.input.channels, self.output.channels);
         let per_image = positions * tiles * (inputs + outputs) * size_of::<f32>();
-        // Fetching the weights again for every block must not cost more than the transformed numbers.
+        // Fetching the weights again for each block must not cost more than the transformed numbers.
         let weights = positions * inputs * outputs * size_of::<f32>();
         let block = (BLOCK_BYTES.max(weights) / per_image).clamp(1, batch.max(1));
         workspace.inputs.grow(positions * stride(block * tiles, inputs));
@@ -103,40 +102,38 @@ impl Winograd {
             let rows = count * tiles;
             self.transform_inputs(start, count, input, &mut workspace.inputs);
             for (position, panels) in self.products.iter().enumerate() {
-                matmul(&mut Product {
+                gemm(&mut Gemm {
                     panels,
-                    gather: &self.gather,
+                    im2col: &self.im2col,
                     batch: rows,
                     input: &workspace.inputs[position * stride(rows, inputs)..],
                     input_stride: inputs,
                     output: &mut workspace.outputs[position * stride(rows, outputs)..],
                     output_stride: outputs,
-                    accumulate: false,
-                    relu: false,
+                    epilogue: Epilogue::NONE,
                 });
             }
-            let finish = Finish { bias: &self.bias, accumulate, relu };
-            self.transform_outputs(start, count, &workspace.outputs, output, finish);
+            self.transform_outputs(start, count, &workspace.outputs, output, epilogue);
         }
     }
 
     fn transform_inputs(&self, start: usize, count: usize, images: &[f32], transformed: &mut [f32]) {
-        let plane = &self.input;
+        let map = &self.input;
         let side = self.scheme.outputs();
-        let inset = plane.border - 1;
+        let inset = map.border - 1;
         let tiles = Tiles {
             scheme: self.scheme,
             rows: self.output.height.div_ceil(side),
             columns: self.output.width.div_ceil(side),
-            channels: plane.channels,
-            height: plane.height + 2,
-            width: plane.width + 2,
-            row_stride: plane.row_stride(),
-            position_stride: stride(count * tiles(self.scheme, &self.output), plane.channels),
+            channels: map.channels,
+            height: map.height + 2,
+            width: map.width + 2,
+            row_stride: map.row_stride(),
+            position_stride: stride(count * tiles(self.scheme, &self.output), map.channels),
         };
         let per_image = tiles.rows * tiles.columns * tiles.channels;
-        for (index, image) in images.chunks_exact(plane.len()).skip(start).take(count).enumerate() {
-            let corner = &image[inset * (plane.row_stride() + plane.channels)..];
+        for (index, image) in images.chunks_exact(map.len()).skip(start).take(count).enumerate() {
+            let corner = &image[inset * (map.row_stride() + map.channels)..];
             transform_input(self.level, tiles, corner, &mut transformed[index * per_image..]);
         }
     }
@@ -147,24 +144,24 @@ impl Winograd {
         count: usize,
         transformed: &[f32],
         images: &mut [f32],
-        finish: Finish<'_>,
+        epilogue: Epilogue,
     ) {
-        let plane = &self.output;
+        let map = &self.output;
         let side = self.scheme.outputs();
         let tiles = Tiles {
             scheme: self.scheme,
-            rows: plane.height.div_ceil(side),
-            columns: plane.width.div_ceil(side),
-            channels: plane.channels,
-            height: plane.height,
-            width: plane.width,
-            row_stride: plane.row_stride(),
-            position_stride: stride(count * tiles(self.scheme, plane), plane.channels),
+            rows: map.height.div_ceil(side),
+            columns: map.width.div_ceil(side),
+            channels: map.channels,
+            height: map.height,
+            width: map.width,
+            row_stride: map.row_stride(),
+            position_stride: stride(count * tiles(self.scheme, map), map.channels),
         };
         let per_image = tiles.rows * tiles.columns * tiles.channels;
-        for (index, image) in images.chunks_exact_mut(plane.len()).skip(start).take(count).enumerate() {
-            let corner = &mut image[plane.border * (plane.row_stride() + plane.channels)..];
-            transform_output(self.level, tiles, &transformed[index * per_image..], corner, finish);
+        for (index, image) in images.chunks_exact_mut(map.len()).skip(start).take(count).enumerate() {
+            let corner = &mut image[map.inside()..];
+            transform_output(self.level, tiles, &transformed[index * per_image..], corner, &self.bias, epilogue);
         }
     }
 }

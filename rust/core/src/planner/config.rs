@@ -1,17 +1,17 @@
-//! What the engine needs to know of a planner.
+//! The part of a planner's configuration that the engine reads.
 
 use serde::Deserialize;
 
 use crate::error::Result;
+use crate::model_file::fault;
 use crate::nn::encoder::EncoderConfig;
-use crate::weights::fault;
 
-/// What the engine needs of a planner's configuration; the file holds more.
+/// The part of a planner's configuration that the engine reads; the file holds more.
 #[derive(Debug, Clone, Deserialize)]
 pub struct PlannerConfig {
     /// Steps of a plan.
     pub horizon: usize,
-    /// Positions only, or poses.
+    /// Whether it plans poses or positions only.
     pub outputs: Outputs,
     /// Camera names, in the order of the network's inputs.
     pub cameras: Vec<String>,
@@ -72,10 +72,10 @@ pub struct DecoderConfig {
 }
 
 impl PlannerConfig {
-    /// Whether the sizes are possible and small enough not to exhaust the memory.
+    /// Checks that the sizes are possible, and small enough not to exhaust the memory.
     pub(super) fn check(&self) -> Result<()> {
         const LARGEST: usize = 1 << 16;
-        // A few bytes of file must not ask for gigabytes of memory.
+        // A few bytes of a file must not make the engine allocate gigabytes.
         const LARGEST_IMAGE: usize = 1024;
         const LARGEST_DECODING: usize = 1 << 22;
         let sizes = [
@@ -89,27 +89,34 @@ impl PlannerConfig {
         let channels = self.encoder.channels.iter().map(|&size| ("encoder.channels", size));
         for (name, size) in sizes.into_iter().chain(hidden).chain(channels) {
             if !(1..=LARGEST).contains(&size) {
-                return Err(fault(format!("configuration: {name} is {size}")));
+                return Err(fault(format!("configuration: {name} is {size}, expected 1 to {LARGEST}")));
             }
         }
         for (name, size) in [("image_size", self.image_size), ("crop", self.crop)] {
             if !(1..=LARGEST_IMAGE).contains(&size) {
-                return Err(fault(format!("configuration: {name} is {size}, more than {LARGEST_IMAGE} or zero")));
+                return Err(fault(format!("configuration: {name} is {size}, expected 1 to {LARGEST_IMAGE}")));
             }
         }
         let decoding = [self.horizon, self.modes, self.decoder.hidden].iter().product::<usize>();
         if decoding > LARGEST_DECODING {
-            return Err(fault(format!("configuration: horizon x modes x decoder.hidden is {decoding}")));
+            return Err(fault(format!(
+                "configuration: horizon x modes x decoder.hidden is {decoding}, expected at most {LARGEST_DECODING}"
+            )));
         }
         if self.crop > self.image_size {
-            return Err(fault(format!("configuration: crop {} of images of {}", self.crop, self.image_size)));
+            return Err(fault(format!(
+                "configuration: crop {} is larger than image_size {}",
+                self.crop, self.image_size
+            )));
         }
         if self.cameras.is_empty() {
             return Err(fault("configuration: cameras is empty".to_owned()));
         }
         let Normaliser { mean, std } = &self.normaliser;
         if !(mean.iter().all(|x| x.is_finite()) && std.iter().all(|x| x.is_finite() && *x > 0.0)) {
-            return Err(fault(format!("configuration: normaliser with mean {mean:?} and std {std:?}")));
+            return Err(fault(format!(
+                "configuration: normaliser has mean {mean:?} and std {std:?}, expected finite means and positive std"
+            )));
         }
         Ok(())
     }

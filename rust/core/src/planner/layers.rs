@@ -1,18 +1,18 @@
-//! Taking the layers after the encoder out of a planner file.
+//! Loading the layers after the encoder from a planner file.
 
 use super::{Outputs, PlannerConfig};
 use crate::error::Result;
-use crate::nn::kernels::{Level, Storage, padded};
+use crate::model_file::ModelFile;
+use crate::nn::kernels::{Level, Nonlinearity, Storage, padded};
 use crate::nn::linear::Linear;
 use crate::nn::lstm::{Decoder, DecoderWeights};
-use crate::weights::WeightFile;
 
-/// The predictor's weights are f32 whatever the storage: rounding them would move the latent most for its saving.
+/// The predictor. Its weights stay f32 under either storage: rounding them would move the latent most for what it saves.
 pub(super) fn load_predictor(
     level: Level,
     config: &PlannerConfig,
     feature_stride: usize,
-    file: &mut WeightFile,
+    file: &mut ModelFile,
 ) -> Result<Vec<Linear>> {
     let logits = if config.modes > 1 { config.modes } else { 0 };
     let last = 2 * config.modes * config.latent + logits;
@@ -22,7 +22,8 @@ pub(super) fn load_predictor(
     for (index, &outputs) in config.predictor.hidden.iter().chain([&last]).enumerate() {
         let weight = file.take(&format!("predictor.{index}.weight"), &[outputs, inputs])?;
         let bias = file.take(&format!("predictor.{index}.bias"), &[outputs])?;
-        let relu = index < config.predictor.hidden.len();
+        let hidden = index < config.predictor.hidden.len();
+        let nonlinearity = if hidden { Nonlinearity::Relu } else { Nonlinearity::None };
         // The first layer reads the features of each camera with their padding.
         let (block, stride) = if index == 0 { (feature, feature_stride) } else { (inputs, padded(inputs)) };
         let row = inputs / block * stride;
@@ -30,18 +31,18 @@ pub(super) fn load_predictor(
             column if column < block => weight[out * inputs + k / stride * block + column],
             _ => 0.0,
         };
-        layers.push(Linear::new(level, Storage::F32, outputs, row, at, &bias, relu));
+        layers.push(Linear::new(level, Storage::F32, outputs, row, at, &bias, nonlinearity));
         inputs = outputs;
     }
     Ok(layers)
 }
 
-/// The decoder of trajectories.
+/// The trajectory decoder.
 pub(super) fn load_decoder(
     level: Level,
     storage: Storage,
     config: &PlannerConfig,
-    file: &mut WeightFile,
+    file: &mut ModelFile,
 ) -> Result<Decoder> {
     let (latent, hidden) = (config.latent, config.decoder.hidden);
     let outputs = match config.outputs {

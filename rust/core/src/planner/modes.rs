@@ -1,9 +1,9 @@
-//! Reading the predictor's output: which of several plans is the most probable.
+//! Reading modes and their probabilities from the predictor's output.
 
 use super::PlannerConfig;
 use crate::error::{Error, Result};
 
-/// The logits of the modes, which follow the latents of all modes.
+/// The modes' logits, which follow the latents of all modes.
 fn logits<'a>(config: &PlannerConfig, row: &'a [f32]) -> &'a [f32] {
     &row[2 * config.modes * config.latent..][..if config.modes > 1 { config.modes } else { 0 }]
 }
@@ -30,7 +30,7 @@ pub(super) fn probability(config: &PlannerConfig, row: &[f32], mode: usize) -> R
         return Err(Error::Value {
             what: "probability of a plan",
             found: belief.to_string(),
-            expected: "a number: the weights overflow on this image",
+            expected: "a number; the weights overflow on this image",
         });
     }
     Ok(belief)

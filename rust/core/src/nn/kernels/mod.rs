@@ -1,29 +1,31 @@
 //! The inner loops, compiled once per instruction set and chosen at run time.
 //!
-//! This is the crate's only module with unsafe code. It is here because intrinsics and unchecked strided access are what
-//! the speed comes from; every entry point checks the extents of its slices before it hands out a pointer, and
-//! [`Level`] values exist only for instruction sets that the processor has.
+//! This is the crate's only module with unsafe code: the speed comes from intrinsics and from unchecked strided access.
+//! Every entry point checks the extents of its slices before it hands out a pointer, and [`Level`] values exist only for
+//! instruction sets that the processor has.
 #![allow(unsafe_code)]
-#![expect(clippy::needless_range_loop, reason = "loops over constants index registers and are unrolled")]
+#![expect(clippy::needless_range_loop, reason = "these loops over constants index registers and are unrolled")]
 
 mod buffer;
+mod direct_conv;
+mod epilogue;
+mod gemm;
 mod level;
 mod lstm;
-mod matmul;
-mod pairs;
 mod pool;
 mod stored;
 mod vector;
 mod winograd;
 
 pub use buffer::Buffer;
+pub use direct_conv::{DIRECT_CHANNELS, DirectConv, DirectConvCall};
+pub use epilogue::{Epilogue, Nonlinearity, Residual};
+pub use gemm::{Gemm, Im2col, Panels, gemm};
 pub use level::Level;
 pub use lstm::{LstmStep, lstm_step};
-pub use matmul::{Gather, Panels, Product, matmul};
-pub use pairs::{PAIRED, Pairs, PairsCall};
 pub use pool::{max_pool, spatial_softmax, tanh_in_place, widen};
 pub use stored::{Storage, Stored};
-pub use winograd::{Finish, Scheme, Tiles, transform_input, transform_output};
+pub use winograd::{Scheme, Tiles, transform_input, transform_output};
 
 /// Channels are stored in groups of this many, padded with zeros.
 pub const GROUP: usize = 16;
@@ -34,7 +36,7 @@ pub const fn padded(count: usize) -> usize {
     count.div_ceil(GROUP) * GROUP
 }
 
-/// Channels of a feature map as stored: whole groups, but half a one where that fills a register of `level`.
+/// Channels of an activation map as stored: whole groups, or half a group where that fills a register of `level`.
 #[must_use]
 pub const fn stored_channels(level: Level, count: usize) -> usize {
     if count <= level.lanes() { level.lanes() } else { padded(count) }

@@ -1,12 +1,12 @@
 //! Winograd's transforms for 3 x 3 convolutions (Lavin and Gray, 2016), a register of channels at a time.
 //!
-//! A tile of `outputs + 2` pixels a side becomes as many numbers per channel, the same number of products with the
-//! transformed kernel follows, and their transform gives `outputs` pixels a side.
+//! A tile of `outputs + 2` pixels a side is transformed to as many numbers per channel; each is multiplied by one number of
+//! the transformed kernel; and the transform of the products gives `outputs` pixels a side.
 
 use super::vector::Vector;
-use super::{GROUP, Level, dispatch};
+use super::{Epilogue, GROUP, Level, dispatch};
 
-/// Output pixels along a tile's side.
+/// A transform, by the number of output pixels along a tile's side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
     /// Two, from the points 0, 1, -1 and infinity.
@@ -46,7 +46,7 @@ impl Scheme {
         self.side() * self.side()
     }
 
-    /// Number at `position` of a transformed kernel, which is given row by row.
+    /// The number at `position` of the transform of a kernel given row by row.
     #[must_use]
     pub fn kernel(self, kernel: &[f64; 9], position: usize) -> f64 {
         let row = |index: usize| match self {
@@ -62,8 +62,8 @@ impl Scheme {
 
 /// One scheme in one dimension: `M` output and `T` input pixels.
 ///
-/// With the kernel's matrix G these are d -> B^T d and m -> A^T m of Lavin and Gray, written out: a loop over constant
-/// matrices is not folded by the compiler. `sum!(d; 0: 4.0, 2: -5.0)` is 4 d[0] - 5 d[2].
+/// With the kernel's matrix G these are d -> B^T d and m -> A^T m of Lavin and Gray, written out: the compiler does not
+/// fold a loop over constant matrices. `sum!(d; 0: 4.0, 2: -5.0)` is 4 d[0] - 5 d[2].
 trait Transform<const M: usize, const T: usize> {
     const KERNEL: [[f64; 3]; T];
     unsafe fn input<V: Vector>(d: [V; T]) -> [V; T];
@@ -246,25 +246,21 @@ pub fn transform_input(level: Level, tiles: Tiles, image: &[f32], transformed: &
     dispatch!(level, input_tiles, &mut InputJob, &mut job);
 }
 
-/// What follows the inverse transform.
-#[derive(Debug, Clone, Copy)]
-pub struct Finish<'a> {
-    /// Added to every pixel, one number per channel.
-    pub bias: &'a [f32],
-    /// Add to what the image holds, before the rectifier.
-    pub accumulate: bool,
-    /// Replace negative results by zero.
-    pub relu: bool,
-}
-
-/// Writes the pixels of an image from its transformed tiles.
+/// Writes the pixels of an image from its transformed tiles, with one bias per channel.
 ///
 /// # Panics
 /// If the slices are too short: a fault of this crate, not of its input.
-pub fn transform_output(level: Level, tiles: Tiles, transformed: &[f32], image: &mut [f32], finish: Finish<'_>) {
+pub fn transform_output(
+    level: Level,
+    tiles: Tiles,
+    transformed: &[f32],
+    image: &mut [f32],
+    bias: &[f32],
+    epilogue: Epilogue,
+) {
     tiles.check(image.len(), transformed.len());
-    assert!(finish.bias.len() >= tiles.channels, "one bias per channel");
-    let mut job = OutputJob { tiles, image: image.as_mut_ptr(), transformed: transformed.as_ptr(), finish };
+    assert!(bias.len() >= tiles.channels, "one bias per channel");
+    let mut job = OutputJob { tiles, image: image.as_mut_ptr(), transformed: transformed.as_ptr(), bias, epilogue };
     // SAFETY: the extents were checked above.
     dispatch!(level, output_tiles, &mut OutputJob<'_>, &mut job);
 }
@@ -279,7 +275,8 @@ struct OutputJob<'a> {
     tiles: Tiles,
     image: *mut f32,
     transformed: *const f32,
-    finish: Finish<'a>,
+    bias: &'a [f32],
+    epilogue: Epilogue,
 }
 
 #[inline(always)]
@@ -344,12 +341,11 @@ unsafe fn input_of<V: Vector, S: Transform<M, T>, const M: usize, const T: usize
 #[inline(always)]
 unsafe fn output_of<V: Vector, S: Transform<M, T>, const M: usize, const T: usize>(job: &mut OutputJob<'_>) {
     let Tiles { rows, columns, channels, height, width, row_stride, position_stride, .. } = job.tiles;
-    let Finish { bias, accumulate, relu } = job.finish;
     for tile in 0..rows * columns {
         let (top, left) = (tile / columns * M, tile % columns * M);
         for channel in (0..channels).step_by(V::LANES) {
             unsafe {
-                let bias = V::load(bias.as_ptr().add(channel));
+                let bias = V::load(job.bias.as_ptr().add(channel));
                 let first = job.transformed.add(tile * channels + channel);
                 let mut half = [[V::zero(); M]; T];
                 for column in 0..T {
@@ -370,14 +366,7 @@ unsafe fn output_of<V: Vector, S: Transform<M, T>, const M: usize, const T: usiz
                             continue;
                         }
                         let to = job.image.add((top + row) * row_stride + (left + column) * channels + channel);
-                        let mut value = line[column].add(bias);
-                        if accumulate {
-                            value = value.add(V::load(to));
-                        }
-                        if relu {
-                            value = value.max(V::zero());
-                        }
-                        value.store(to);
+                        job.epilogue.store(line[column].add(bias), to);
                     }
                 }
             }

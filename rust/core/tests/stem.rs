@@ -1,8 +1,9 @@
-//! The first layer against the definition of a convolution, in f64, on every instruction set.
+//! The stem against the definition of a convolution, in f64, on every instruction set.
 
-use ocplanner_core::nn::conv::{ConvWeights, Window};
-use ocplanner_core::nn::first::{COLOURS, First, FirstWorkspace};
+use ocplanner_core::nn::activation_map::Window;
+use ocplanner_core::nn::conv::ConvWeights;
 use ocplanner_core::nn::kernels::{Buffer, Level, Storage};
+use ocplanner_core::nn::stem::{COLOURS, Stem, StemWorkspace};
 use ocplanner_core::nn::winograd::WinogradWorkspace;
 use proptest::prelude::*;
 
@@ -44,25 +45,25 @@ impl Case {
 
     fn check(&self, level: Level) {
         let weights = ConvWeights { weight: &self.weight, bias: &self.bias, inputs: COLOURS, scale: 1.0 / 255.0 };
-        let first = First::new(level, Storage::F32, weights, self.window, self.crop, self.border).unwrap();
-        let plane = first.output;
-        let mut output = Buffer::zeros(plane.len());
+        let stem = Stem::new(level, Storage::F32, weights, self.window, self.crop, self.border).unwrap();
+        let map = stem.output;
+        let mut output = Buffer::zeros(map.len());
         output.fill(f32::NAN);
-        let (mut workspace, mut winograd) = (FirstWorkspace::default(), WinogradWorkspace::default());
+        let (mut workspace, mut winograd) = (StemWorkspace::default(), WinogradWorkspace::default());
         // Twice: the second time the workspace is not fresh.
         for _ in 0..2 {
-            first.run(&self.image, self.size, &mut output, &mut workspace, &mut winograd);
+            stem.run(&self.image, self.size, &mut output, &mut workspace, &mut winograd);
         }
-        for (at, pixel) in output.chunks_exact(plane.channels).enumerate() {
-            let stored_width = plane.width + 2 * plane.border;
+        for (at, pixel) in output.chunks_exact(map.channels).enumerate() {
+            let stored_width = map.width + 2 * map.border;
             let (row, column) = (at / stored_width, at % stored_width);
-            let inside = |place: usize, side: usize| (plane.border..plane.border + side).contains(&place);
-            if !inside(row, plane.height) || !inside(column, plane.width) {
+            let inside = |place: usize, side: usize| (map.border..map.border + side).contains(&place);
+            if !inside(row, map.height) || !inside(column, map.width) {
                 assert!(pixel.iter().all(|&number| number == 0.0), "border at ({row}, {column}): {pixel:?}");
                 continue;
             }
             for (channel, &found) in pixel.iter().enumerate() {
-                let (y, x) = (row - plane.border, column - plane.border);
+                let (y, x) = (row - map.border, column - map.border);
                 let wanted = if channel < self.outputs { self.expected(y, x, channel) } else { 0.0 };
                 let error = (f64::from(found) - wanted).abs();
                 assert!(error < 1e-5, "{}, ({y}, {x}), channel {channel}: {found}, not {wanted}", level.name());

@@ -1,4 +1,6 @@
-//! The binding of the control loop of one arm inside MuJoCo, or of several together.
+//! Bindings of `ocplanner_core::osc`: the control loop of one arm inside MuJoCo, or of several together.
+
+mod arm;
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use ocplanner_core::osc::{ActionFrame, ArmState, Joints, MAX_JOINTS, Site};
@@ -6,15 +8,15 @@ use pyo3::prelude::*;
 
 use crate::arguments::{count, counts};
 use crate::arrays::view;
-use crate::errors::{named, shape_error, to_python};
-use crate::plant::{MAX_GRIPPER_ACTUATORS, Plant, Wiring};
+use crate::error::{named, shape_error, to_python};
+use arm::{ControlledArm, MAX_GRIPPER_ACTUATORS, Wiring};
 
-/// Adds this file's functions and classes to the module.
+/// Adds this file's class to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<ControlLoop>()
 }
 
-/// What [`ControlLoop::measured`] returns: see there.
+/// What [`ControlLoop::measured`] returns.
 type Measured<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -27,14 +29,14 @@ type Measured<'py> = (
 
 /// One arm's control step, run natively.
 ///
-/// A control step is `begin` (the first substep up to the actuators' commands) and `advance` (the rest of that substep
-/// and the following ones). robosuite's `OSC_POSE` is computed in every substep by `ocplanner_core::osc`.
+/// A control step is `begin` (the first substep up to the actuators' commands) and then `advance` (the rest of that substep
+/// and the following ones). Every substep computes robosuite's `OSC_POSE`.
 ///
 /// Args:
 ///     model: a `mujoco.MjModel`.
 ///     data: its `mujoco.MjData`.
-///     eef_site: index of the site that is controlled.
-///     base_site: index of the site whose frame an action is expressed in.
+///     eef_site: index of the controlled site.
+///     base_site: index of the site in whose frame actions are expressed.
 ///     joint_qpos: indices of the arm's joints in `qpos`, at most 8.
 ///     joint_qvel: indices of the same joints in `qvel`.
 ///     arm_actuators: indices of the joints' torque actuators.
@@ -44,13 +46,13 @@ type Measured<'py> = (
 ///     lite_physics: `mj_step1` and `mj_step2` around the controller; otherwise `mj_forward` before and `mj_step` after.
 ///
 /// Raises:
-///     ShapeError: if the index lists' lengths differ or an array is not laid out as the model says.
-///     InvalidValueError: if an index is outside its array, or the data belong to another model.
-///     VersionError: if the loaded MuJoCo library is not found or its version is not the module's.
+///     ShapeError: the index lists differ in length, or an array is not laid out as the model says.
+///     InvalidValueError: an index is outside its array, or the data belong to another model.
+///     VersionError: the loaded MuJoCo library is not found, or its version is not the module's.
 #[pyclass(module = "ocplanner._core")]
 pub struct ControlLoop {
-    plant: Plant,
-    /// Loops of further arms, which run along.
+    arm: ControlledArm,
+    /// Loops of further arms, which run with this one.
     others: Vec<Py<ControlLoop>>,
 }
 
@@ -84,24 +86,24 @@ impl ControlLoop {
             uncouple,
             lite_physics,
         };
-        Ok(Self { plant: Plant::new(model, data, wiring)?, others: Vec::new() })
+        Ok(Self { arm: ControlledArm::new(model, data, wiring)?, others: Vec::new() })
     }
 
-    /// Lets the loop of another arm on the same data run along from now on.
+    /// Runs the loop of another arm on the same data together with this one from now on.
     ///
     /// In each control step `begin` this loop, then the others, then `advance` this one alone.
     ///
     /// Raises:
-    ///     InvalidValueError: if the other's data differ, it is this loop, one of the two was added to a loop before,
-    ///         the other has loops of its own, or physics is not lite.
+    ///     InvalidValueError: the other loop's data differ, it is this loop, one of the two was added to a loop before,
+    ///         the other has loops of its own, or `lite_physics` is off.
     fn add(&mut self, other: &Bound<'_, Self>) -> PyResult<()> {
         let py = other.py();
         let refuse = |why: &str| named(py, "InvalidValueError", format!("add: {why}"));
         let mut added = other.try_borrow_mut().map_err(|_| refuse("a loop cannot be added to itself"))?;
         if !added.others.is_empty() {
-            return Err(refuse("the loop leads others"));
+            return Err(refuse("the loop has loops of its own"));
         }
-        added.plant.follow(&self.plant).map_err(refuse)?;
+        added.arm.join(&self.arm).map_err(refuse)?;
         self.others.push(other.clone().unbind());
         Ok(())
     }
@@ -113,11 +115,11 @@ impl ControlLoop {
     ///     gripper: (gripper actuators,) float64, the gripper's commands, clipped to their control range.
     ///     stiffness: (6,) float64, 1/s^2.
     ///     damping: (6,) float64, 1/s.
-    ///     posture: (joints,) float64, the joint positions that the null space tends to, rad.
+    ///     posture: (joints,) float64, the joint positions toward which the null space moves, rad.
     ///
     /// Raises:
-    ///     ShapeError: if an array's length differs.
-    ///     InvalidValueError: if a number is not finite.
+    ///     ShapeError: an array has another length.
+    ///     InvalidValueError: a number is not finite.
     fn begin(
         &mut self,
         py: Python<'_>,
@@ -127,45 +129,45 @@ impl ControlLoop {
         damping: &Bound<'_, PyAny>,
         posture: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
-        let plant = &mut self.plant;
-        let joints = plant.state.joints;
+        let arm = &mut self.arm;
+        let joints = arm.state.joints;
         let delta = numbers::<6>("delta", delta, 6)?;
-        plant.gains.stiffness = numbers::<6>("stiffness", stiffness, 6)?;
-        plant.gains.damping = numbers::<6>("damping", damping, 6)?;
-        plant.posture = numbers::<MAX_JOINTS>("posture", posture, joints)?;
-        let count = plant.gripper.len();
+        arm.gains.stiffness = numbers::<6>("stiffness", stiffness, 6)?;
+        arm.gains.damping = numbers::<6>("damping", damping, 6)?;
+        arm.posture = numbers::<MAX_JOINTS>("posture", posture, joints)?;
+        let count = arm.gripper.len();
         let command = numbers::<MAX_GRIPPER_ACTUATORS>("gripper", gripper, count)?;
-        plant.gripper.copy_from_slice(&command[..count]);
-        py.detach(|| plant.begin(&delta));
+        arm.gripper.copy_from_slice(&command[..count]);
+        py.detach(|| arm.begin(&delta));
         Ok(())
     }
 
-    /// Runs `substeps` substeps of the control step, the one begun included, of this arm and of those added to it.
+    /// Runs `substeps` substeps, including the one begun, of this arm and of those added to it.
     ///
     /// Raises:
-    ///     InvalidValueError: before the first `begin` of one of them, or for a loop that was added to another.
+    ///     InvalidValueError: one of them has not begun a control step, or this loop was added to another.
     fn advance(&mut self, py: Python<'_>, #[pyo3(from_py_with = count)] substeps: usize) -> PyResult<()> {
         let refuse = |why: &str| named(py, "InvalidValueError", format!("advance: {why}"));
-        if self.plant.is_led() {
+        if self.arm.is_led() {
             return Err(refuse("the loop was added to another, which advances both"));
         }
         let mut others = Vec::with_capacity(self.others.len());
         for other in &self.others {
             others.push(other.try_borrow_mut(py).map_err(|_| refuse("an added loop is in use"))?);
         }
-        if !self.plant.has_goal() || others.iter().any(|other| !other.plant.has_goal()) {
+        if !self.arm.has_goal() || others.iter().any(|other| !other.arm.has_goal()) {
             return Err(refuse("no control step has begun"));
         }
-        let plant = &mut self.plant;
-        let mut led: Vec<&mut Plant> = others.iter_mut().map(|other| &mut other.plant).collect();
-        py.detach(|| plant.advance(substeps, &mut led));
+        let arm = &mut self.arm;
+        let mut led: Vec<&mut ControlledArm> = others.iter_mut().map(|other| &mut other.arm).collect();
+        py.detach(|| arm.advance(substeps, &mut led));
         Ok(())
     }
 
-    /// What the controller measured last, world frame: the end effector's position (3,) m, rotation (3, 3) and velocity
+    /// The controller's last measurement, world frame: the end effector's position (3,) m, rotation (3, 3) and velocity
     /// (6,), its Jacobian (6, joints), the inertia (joints, joints), and the joints' positions and velocities (joints,).
     fn measured<'py>(&self, py: Python<'py>) -> PyResult<Measured<'py>> {
-        let state = &self.plant.state;
+        let state = &self.arm.state;
         let n = state.joints;
         let matrix = |rows: &[Joints]| -> PyResult<Bound<'py, PyArray2<f64>>> {
             let flat: Vec<f64> = rows.iter().flat_map(|row| row[..n].iter().copied()).collect();
@@ -183,11 +185,11 @@ impl ControlLoop {
     }
 
     /// Makes the next `begin` use this measurement instead of the simulation's state, as robosuite does in the first
-    /// substep after a reset. The arguments are those that `measured` returns, float64.
+    /// substep after a reset. The arguments are what `measured` returns, float64.
     ///
     /// Raises:
-    ///     ShapeError: if an array has another shape.
-    ///     InvalidValueError: if a number is not finite.
+    ///     ShapeError: an array has another shape.
+    ///     InvalidValueError: a number is not finite.
     #[expect(clippy::too_many_arguments, reason = "the parts of one measurement")]
     fn remember(
         &mut self,
@@ -200,7 +202,7 @@ impl ControlLoop {
         joint_position: &Bound<'_, PyAny>,
         joint_velocity: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
-        let joints = self.plant.state.joints;
+        let joints = self.arm.state.joints;
         let mut state = ArmState::new(joints).map_err(|error| to_python(py, &error))?;
         state.eef = Site {
             position: numbers::<3>("position", position, 3)?,
@@ -211,26 +213,26 @@ impl ControlLoop {
         state.inertia = rows("inertia", inertia, &[joints, joints])?;
         state.position = numbers::<MAX_JOINTS>("joint_position", joint_position, joints)?;
         state.velocity = numbers::<MAX_JOINTS>("joint_velocity", joint_velocity, joints)?;
-        self.plant.remember(state);
+        self.arm.remember(state);
         Ok(())
     }
 
     /// (3,) float64: the goal's position in the frame of the actions, metres.
     #[getter]
     fn goal_position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.plant.goal.position)
+        PyArray1::from_slice(py, &self.arm.goal.position)
     }
 
     /// (3, 3) float64: the goal's rotation, end effector -> frame of the actions.
     #[getter]
     fn goal_rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        PyArray1::from_slice(py, self.plant.goal.rotation.as_flattened()).reshape([3, 3])
+        PyArray1::from_slice(py, self.arm.goal.rotation.as_flattened()).reshape([3, 3])
     }
 
     /// (joints,) float64: the torques computed last, gravity compensation included, before clipping, N m.
     #[getter]
     fn torques<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.plant.torques[..self.plant.state.joints])
+        PyArray1::from_slice(py, &self.arm.torques[..self.arm.state.joints])
     }
 }
 

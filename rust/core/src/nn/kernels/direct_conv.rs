@@ -1,13 +1,14 @@
-//! A first convolution of few channels: two neighbouring output pixels of eight channels share a register.
+//! Direct convolution of bytes, for a stem of few channels: two neighbouring output pixels of eight channels share a
+//! register.
 //!
-//! One pixel of eight channels would fill half of a 16-lane register and leave half of its arithmetic idle. Inputs are
-//! kept as pairs `(x[i], x[i + 6])`, what two windows of stride 2 over three colours read at the same place, so that one
-//! 64-bit broadcast serves both pixels. The rows of pairs of one output row fit the first-level cache.
+//! One pixel of eight channels would fill only half of a 16-lane register and leave half of its arithmetic idle. Inputs
+//! are kept as pairs `(x[i], x[i + 6])`, which are what two windows of stride 2 over three colours read at the same place,
+//! so one 64-bit broadcast serves both pixels. The rows of pairs behind one output row fit in the first-level cache.
 
 use super::{Buffer, GROUP, Level};
 
 /// Output channels.
-pub const PAIRED: usize = GROUP / 2;
+pub const DIRECT_CHANNELS: usize = GROUP / 2;
 
 /// Numbers of an input pixel.
 const COLOURS: usize = 3;
@@ -18,9 +19,9 @@ const STRIDE: usize = 2;
 /// Numbers from the window of one pixel to that of the next.
 const STEP: usize = STRIDE * COLOURS;
 
-/// Weights of such a convolution.
+/// The packed weights.
 #[derive(Debug)]
-pub struct Pairs {
+pub struct DirectConv {
     /// `[row][column][colour][channel][2]`, every weight twice.
     weights: Buffer,
     /// `[channel][2]`.
@@ -28,10 +29,10 @@ pub struct Pairs {
     kernel: usize,
 }
 
-/// Where the image lies and where the output goes.
+/// One call: where the image lies and where the output goes.
 #[derive(Debug)]
-pub struct PairsCall<'a> {
-    /// Bytes from the first one of the crop on.
+pub struct DirectConvCall<'a> {
+    /// The bytes from the crop's first one on.
     pub image: &'a [u8],
     /// Bytes from one image row to the next.
     pub image_stride: usize,
@@ -39,7 +40,7 @@ pub struct PairsCall<'a> {
     pub crop: usize,
     /// Zeros assumed around the crop.
     pub padding: usize,
-    /// Numbers from the first output pixel on, of [`PAIRED`] channels.
+    /// The numbers from the first output pixel on, [`DIRECT_CHANNELS`] per pixel.
     pub output: &'a mut [f32],
     /// Numbers from one output row to the next.
     pub output_stride: usize,
@@ -47,11 +48,11 @@ pub struct PairsCall<'a> {
     pub side: usize,
 }
 
-impl Pairs {
-    /// Whether the processor has registers for pairs.
+impl DirectConv {
+    /// Whether this kernel can run such a convolution on this processor.
     #[must_use]
-    pub fn fit(level: Level, stride: usize, outputs: usize, side: usize) -> bool {
-        level.lanes() == GROUP && stride == STRIDE && outputs <= PAIRED && side >= 2
+    pub fn applies(level: Level, stride: usize, outputs: usize, side: usize) -> bool {
+        level.lanes() == GROUP && stride == STRIDE && outputs <= DIRECT_CHANNELS && side >= 2
     }
 
     /// Packs `weight(output, row, column, colour)` and `bias(output)` of a square kernel.
@@ -76,16 +77,16 @@ impl Pairs {
         Self { weights, bias: twice, kernel }
     }
 
-    /// Convolves a crop of bytes, as they are, and rectifies.
+    /// Convolves a crop of bytes, unscaled, and applies the rectifier.
     ///
     /// # Panics
     /// If the slices are too short: a fault of this crate, not of its input.
-    pub fn run(&self, level: Level, call: &mut PairsCall<'_>, workspace: &mut Buffer) {
-        let PairsCall { crop, padding, side, .. } = *call;
-        assert!(Self::fit(level, STRIDE, PAIRED, side), "this processor has no registers for pairs");
+    pub fn run(&self, level: Level, call: &mut DirectConvCall<'_>, workspace: &mut Buffer) {
+        let DirectConvCall { crop, padding, side, .. } = *call;
+        assert!(Self::applies(level, STRIDE, DIRECT_CHANNELS, side), "this processor has no 16-lane registers");
         assert!((crop - 1) * call.image_stride + crop * COLOURS <= call.image.len(), "image too short");
         assert!((side - 1) * STRIDE + self.kernel <= crop + 2 * padding, "windows leave the padded crop");
-        assert!((side - 1) * call.output_stride + side * PAIRED <= call.output.len(), "output too short");
+        assert!((side - 1) * call.output_stride + side * DIRECT_CHANNELS <= call.output.len(), "output too short");
         let line = (crop + 2 * padding) * COLOURS;
         // Both are written and read in whole registers.
         workspace.grow((line + STEP).next_multiple_of(GROUP) + GROUP + self.kernel * pairs_len(line));
@@ -97,7 +98,7 @@ impl Pairs {
     }
 }
 
-/// Numbers of a row of pairs whose line has `line` numbers.
+/// Numbers in a row of pairs made from a line of `line` numbers.
 const fn pairs_len(line: usize) -> usize {
     2 * line.next_multiple_of(GROUP)
 }
@@ -106,20 +107,20 @@ const fn pairs_len(line: usize) -> usize {
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{Buffer, COLOURS, GROUP, PAIRED, Pairs, PairsCall, STEP, STRIDE, pairs_len};
+    use super::{Buffer, COLOURS, DIRECT_CHANNELS, DirectConv, DirectConvCall, GROUP, STEP, STRIDE, pairs_len};
 
     /// Most pairs in a tile.
     const MOST: usize = 10;
 
     #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn all_rows(conv: &Pairs, call: &mut PairsCall<'_>, workspace: &mut Buffer) {
-        let PairsCall { crop, padding, side, .. } = *call;
+    pub(super) unsafe fn all_rows(conv: &DirectConv, call: &mut DirectConvCall<'_>, workspace: &mut Buffer) {
+        let DirectConvCall { crop, padding, side, .. } = *call;
         let len = pairs_len((crop + 2 * padding) * COLOURS);
         let (pairs, line) = workspace.split_at_mut(conv.kernel * len);
         line.fill(0.0);
         let mut ready = 0;
         for y in 0..side {
-            // Rows are counted from the first one of the padding on; the last `kernel` ones are kept.
+            // Rows are counted from the padding's first; the last `kernel` rows are kept.
             while ready < y * STRIDE + conv.kernel {
                 let slot = &mut pairs[ready % conv.kernel * len..][..len];
                 match ready.checked_sub(padding).filter(|&row| row < crop) {
@@ -136,7 +137,7 @@ mod x86 {
                 ready += 1;
             }
             let rows = (y * STRIDE..y * STRIDE + conv.kernel).map(|row| &pairs[row % conv.kernel * len..][..len]);
-            let to = &mut call.output[y * call.output_stride..][..side * PAIRED];
+            let to = &mut call.output[y * call.output_stride..][..side * DIRECT_CHANNELS];
             // SAFETY: windows stay in the padded crop, as the caller has checked, and so do the pairs.
             unsafe { one_row(conv, rows, to) };
         }
@@ -173,8 +174,8 @@ mod x86 {
     }
 
     #[target_feature(enable = "avx512f")]
-    unsafe fn one_row<'a>(conv: &Pairs, rows: impl Iterator<Item = &'a [f32]> + Clone, output: &mut [f32]) {
-        let pixels = output.len() / PAIRED;
+    unsafe fn one_row<'a>(conv: &DirectConv, rows: impl Iterator<Item = &'a [f32]> + Clone, output: &mut [f32]) {
+        let pixels = output.len() / DIRECT_CHANNELS;
         let whole = pixels / 2;
         let tiles = whole.div_ceil(MOST);
         for tile in 0..tiles {
@@ -188,7 +189,7 @@ mod x86 {
 
     #[target_feature(enable = "avx512f")]
     unsafe fn some_pairs<'a>(
-        conv: &Pairs,
+        conv: &DirectConv,
         rows: impl Iterator<Item = &'a [f32]>,
         pixel: usize,
         count: usize,
@@ -207,7 +208,7 @@ mod x86 {
 
     #[target_feature(enable = "avx512f")]
     unsafe fn tile<'a, const COUNT: usize>(
-        conv: &Pairs,
+        conv: &DirectConv,
         rows: impl Iterator<Item = &'a [f32]>,
         pixel: usize,
         output: *mut f32,
@@ -230,7 +231,7 @@ mod x86 {
             let apart = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 1, 3, 5, 7, 9, 11, 13, 15);
             for pair in 0..COUNT {
                 let rectified = _mm512_max_ps(sums[pair], _mm512_setzero_ps());
-                let to = output.add((pixel + 2 * pair) * PAIRED);
+                let to = output.add((pixel + 2 * pair) * DIRECT_CHANNELS);
                 _mm512_storeu_ps(to, _mm512_permutexvar_ps(apart, rectified));
             }
         }

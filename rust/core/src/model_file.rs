@@ -1,10 +1,10 @@
-//! Reading weight files: safetensors with a JSON description under the metadata key `ocplanner`.
+//! Reading model files: safetensors with a JSON description under the metadata key `ocplanner`.
 //!
-//! A file may come from anywhere, so nothing in it is trusted: every fault is an [`Error::WeightFile`], never a panic.
+//! A file may come from anywhere, so nothing in it is trusted: every fault becomes an [`Error::ModelFile`], never a panic.
 
 use std::collections::BTreeMap;
 
-use safetensors::{Dtype, SafeTensors};
+use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
@@ -15,9 +15,9 @@ pub const FORMAT: u64 = 1;
 /// The metadata key that holds the description.
 pub const METADATA_KEY: &str = "ocplanner";
 
-/// A parsed weight file: its configuration and the tensors not yet taken.
+/// A parsed model file: its configuration and the tensors not yet taken.
 #[derive(Debug, Clone)]
-pub struct WeightFile {
+pub struct ModelFile {
     config: serde_json::Value,
     tensors: BTreeMap<String, Tensor>,
 }
@@ -28,23 +28,26 @@ struct Tensor {
     values: Vec<f32>,
 }
 
-impl WeightFile {
+impl ModelFile {
     /// Parses the bytes of a file that must be of the given kind (`"planner"`).
     ///
     /// # Errors
-    /// [`Error::WeightFile`] if the bytes are no safetensors file, the description is missing or of another kind or
+    /// [`Error::ModelFile`] if the bytes are not a safetensors file, the description is missing or names another kind or
     /// format, or a tensor is not finite float32.
     pub fn parse(bytes: &[u8], kind: &str) -> Result<Self> {
-        let file = SafeTensors::deserialize(bytes).map_err(|e| fault(format!("{e}")))?;
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| fault(format!("{e}")))?;
+        let broken = |e: SafeTensorError| fault(format!("it is not a whole safetensors file ({e}); copy it again"));
+        let file = SafeTensors::deserialize(bytes).map_err(broken)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(broken)?;
         let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY)).ok_or_else(|| {
-            fault(format!("the metadata lacks the key {METADATA_KEY:?}; was it written by ocplanner?"))
+            fault(format!("its metadata has no key {METADATA_KEY:?}; give a file that ocplanner wrote"))
         })?;
         let mut description: serde_json::Value =
-            serde_json::from_str(text).map_err(|e| fault(format!("the metadata is not JSON: {e}")))?;
-        let format = description.get("format").and_then(serde_json::Value::as_u64);
-        if format != Some(FORMAT) {
-            return Err(fault(format!("format {format:?}, but this version reads format {FORMAT}")));
+            serde_json::from_str(text).map_err(|e| fault(format!("its metadata is not JSON: {e}")))?;
+        let format = description.get("format").unwrap_or(&serde_json::Value::Null);
+        if format.as_u64() != Some(FORMAT) {
+            return Err(fault(format!(
+                "its format is {format}, this version of ocplanner reads {FORMAT}; update ocplanner"
+            )));
         }
         let found_kind = description.get("kind").and_then(serde_json::Value::as_str);
         if found_kind != Some(kind) {
@@ -69,10 +72,10 @@ impl WeightFile {
         Ok(Self { config, tensors })
     }
 
-    /// The configuration as the type that the caller expects; unknown keys are ignored.
+    /// The configuration as the type the caller expects; unknown keys are ignored.
     ///
     /// # Errors
-    /// [`Error::WeightFile`] if a key is missing or has the wrong type.
+    /// [`Error::ModelFile`] if a key is missing or has the wrong type.
     pub fn config<T: DeserializeOwned>(&self) -> Result<T> {
         T::deserialize(&self.config).map_err(|e| fault(format!("configuration: {e}")))
     }
@@ -86,7 +89,7 @@ impl WeightFile {
     /// Takes a tensor out of the file, row-major.
     ///
     /// # Errors
-    /// [`Error::WeightFile`] if it is missing or has another shape.
+    /// [`Error::ModelFile`] if it is missing or has another shape.
     pub fn take(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
         let tensor = self.tensors.remove(name).ok_or_else(|| fault(format!("tensor {name} is missing")))?;
         if tensor.shape != shape {
@@ -98,19 +101,19 @@ impl WeightFile {
     /// Ends the reading.
     ///
     /// # Errors
-    /// [`Error::WeightFile`] if tensors are left that nobody took.
+    /// [`Error::ModelFile`] if a tensor was not taken.
     pub fn finish(self) -> Result<()> {
         match self.tensors.len() {
             0 => Ok(()),
             count => {
                 let names: Vec<&str> = self.tensors.keys().take(3).map(String::as_str).collect();
-                Err(fault(format!("{count} tensors that the configuration does not use: {}, ...", names.join(", "))))
+                Err(fault(format!("the configuration does not use {count} of its tensors: {}, ...", names.join(", "))))
             }
         }
     }
 }
 
-/// An [`Error::WeightFile`] with this explanation.
+/// An [`Error::ModelFile`] with this explanation.
 pub(crate) fn fault(problem: String) -> Error {
-    Error::WeightFile { problem }
+    Error::ModelFile { problem }
 }

@@ -1,20 +1,20 @@
-//! The control loop of one arm: what the controller measures in each substep, and what it commands. Of several arms in
-//! one simulation, the first runs the physics and the others compute their torques in the same substeps.
+//! One arm under control in MuJoCo: what the controller measures in each substep, and what it commands. Of several arms in
+//! one simulation, the first runs the physics, and the others compute their torques in the same substeps.
 
 use ocplanner_core::osc::{self, ActionFrame, ArmState, Gains, Goal, Joints, MAX_JOINTS, Site};
 use pyo3::prelude::*;
 
-use crate::errors::{named, to_python};
+use crate::error::{named, to_python};
 use crate::mujoco::{Phase, Simulation, Sizes, View};
 
-/// The most actuators a gripper may have.
+/// The largest number of actuators a gripper may have.
 pub const MAX_GRIPPER_ACTUATORS: usize = 16;
 
-/// Which parts of the model the loop controls, and how.
+/// Which parts of the model are controlled, and how.
 pub struct Wiring {
-    /// The site that is controlled.
+    /// The controlled site.
     pub eef_site: usize,
-    /// The site whose frame an action may be expressed in.
+    /// The site in whose frame actions may be expressed.
     pub base_site: usize,
     /// The arm's joints in `qpos`.
     pub joint_qpos: Vec<usize>,
@@ -33,7 +33,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// `InvalidValueError` or `ShapeError` unless the lists fit each other and every index lies inside its array.
+    /// Raises `InvalidValueError` or `ShapeError` unless the lists fit each other and each index lies inside its array.
     fn check(&self, py: Python<'_>, sizes: &Sizes) -> PyResult<()> {
         let joints = self.joint_qpos.len();
         for (name, list) in [("joint_qvel", &self.joint_qvel), ("arm_actuators", &self.arm_actuators)] {
@@ -51,52 +51,56 @@ impl Wiring {
             ("gripper_actuators", &self.gripper_actuators, sizes.nu),
         ] {
             if let Some(index) = list.iter().find(|index| **index >= size) {
-                return Err(named(py, "InvalidValueError", format!("{name}: {index} is not below {size}")));
+                return Err(named(
+                    py,
+                    "InvalidValueError",
+                    format!("{name}: {index} is not below {size}"),
+                ));
             }
         }
         let fingers = self.gripper_actuators.len();
         if fingers > MAX_GRIPPER_ACTUATORS {
-            let message = format!("gripper_actuators: {fingers} is more than {MAX_GRIPPER_ACTUATORS}");
+            let message = format!("gripper_actuators: found {fingers}, expected at most {MAX_GRIPPER_ACTUATORS}");
             return Err(named(py, "InvalidValueError", message));
         }
         Ok(())
     }
 }
 
-/// The arm, its controller and what it last measured.
-pub struct Plant {
+/// An arm, its controller and the last measurement.
+pub struct ControlledArm {
     simulation: Simulation,
     wiring: Wiring,
-    /// Whether the base site's velocity is not zero by construction.
+    /// Whether the base site can move: otherwise its velocity is zero by construction.
     base_moves: bool,
     /// (row, column, address in `qM`) of the arm's inertia on and below the diagonal.
     inertia_entries: Vec<(usize, usize, usize)>,
     /// Translational and rotational site Jacobian, each 3 x nv.
     jacobian: Vec<f64>,
     base: Site,
-    /// What the controller measured last.
+    /// The controller's last measurement.
     pub state: ArmState,
-    /// Where the end effector is to go, in the frame of the actions.
+    /// The pose to reach, in the frame of the actions.
     pub goal: Goal,
     /// The controller's gains.
     pub gains: Gains,
-    /// The joint positions that the null space tends to, rad.
+    /// The joint positions toward which the null space moves, rad.
     pub posture: Joints,
     /// The gripper's commands.
     pub gripper: Vec<f64>,
     /// The torques computed last, N m.
     pub torques: Joints,
-    /// `state` was given and holds for the next substep.
+    /// `state` was given from outside, for the next substep.
     remembered: bool,
-    /// Some control step has begun.
+    /// A control step has begun at some time.
     has_goal: bool,
-    /// A substep's commands are set, the physics has yet to follow.
+    /// A substep's commands are set, and its physics has not run yet.
     begun: bool,
-    /// Another arm's plant runs the physics.
+    /// Another arm runs the physics.
     led: bool,
 }
 
-impl Plant {
+impl ControlledArm {
     /// Wires a controller to a `mujoco.MjModel` and its `mujoco.MjData`.
     pub fn new(model: &Bound<'_, PyAny>, data: &Bound<'_, PyAny>, wiring: Wiring) -> PyResult<Self> {
         let py = model.py();
@@ -125,23 +129,23 @@ impl Plant {
         })
     }
 
-    /// Whether some control step has begun, so that [`Plant::advance`] has a goal.
+    /// Whether a control step has begun, so that [`ControlledArm::advance`] has a goal.
     pub fn has_goal(&self) -> bool {
         self.has_goal
     }
 
-    /// Whether another plant runs the physics.
+    /// Whether another arm runs the physics.
     pub fn is_led(&self) -> bool {
         self.led
     }
 
-    /// Leaves the physics to another plant of the same simulation, or says why it cannot.
-    pub fn follow(&mut self, leader: &Plant) -> Result<(), &'static str> {
+    /// Leaves the physics to another arm of the same simulation, or says why that is impossible.
+    pub fn join(&mut self, leader: &ControlledArm) -> Result<(), &'static str> {
         if !self.simulation.same_data(&leader.simulation) {
             return Err("the loops' data differ");
         }
         if self.led || leader.led {
-            return Err("a loop that was added to another takes part once, and nothing is added to it");
+            return Err("one of the loops was added to another before");
         }
         if !(self.wiring.lite_physics && leader.wiring.lite_physics) {
             return Err("several arms need lite_physics");
@@ -150,12 +154,12 @@ impl Plant {
         Ok(())
     }
 
-    /// Makes the next [`Plant::begin`] use this measurement instead of the simulation's state.
+    /// Makes the next [`ControlledArm::begin`] use this measurement instead of the simulation's state.
     pub fn remember(&mut self, state: ArmState) {
         (self.state, self.remembered) = (state, true);
     }
 
-    /// The first substep up to the actuators' commands, for a goal displaced by `delta`. A plant that is led begins
+    /// The first substep up to the actuators' commands, for a goal displaced by `delta`. An arm that is led begins
     /// after its leader, which runs the substep's kinematics.
     pub fn begin(&mut self, delta: &[f64; 6]) {
         self.measure();
@@ -164,15 +168,15 @@ impl Plant {
         (self.has_goal, self.begun) = (true, true);
     }
 
-    /// Runs substeps, the one begun included, together with the plants that this one leads.
-    pub fn advance(&mut self, substeps: usize, led: &mut [&mut Plant]) {
+    /// Runs substeps, including the one begun, together with the arms that this one leads.
+    pub fn advance(&mut self, substeps: usize, led: &mut [&mut ControlledArm]) {
         for _ in 0..substeps {
             if !self.begun {
                 self.measure();
                 self.actuate();
-                for plant in led.iter_mut() {
-                    plant.measure();
-                    plant.actuate();
+                for arm in led.iter_mut() {
+                    arm.measure();
+                    arm.actuate();
                 }
             }
             self.begun = false;
@@ -187,7 +191,7 @@ impl Plant {
         }
         let remembered = std::mem::take(&mut self.remembered);
         if !self.wiring.lite_physics && !remembered {
-            // robosuite's controller runs it once more before it reads.
+            // robosuite's controller runs it once more before it reads the state.
             self.simulation.run(Phase::Forward);
         }
         self.base = self.simulation.site(self.wiring.base_site);
@@ -227,7 +231,7 @@ impl Plant {
     }
 }
 
-/// Where the arm's inertia stands in `qM`: row i holds the element of degree of freedom i, then of its ancestors.
+/// Where the arm's inertia lies in `qM`: row i holds the element of degree of freedom i, then those of its ancestors.
 fn inertia_entries(
     model: &Bound<'_, PyAny>,
     sizes: &Sizes,

@@ -1,32 +1,33 @@
-//! The one product behind convolutions and linear layers: gathered input rows times prepacked weights.
+//! Implicit GEMM: the one matrix product behind convolutions and linear layers.
 //!
-//! An output "pixel" reads `runs` stretches of `run_len` contiguous inputs, `run_stride` apart: the rows of a convolution's
-//! window in an NHWC image with its border of zeros stored, or one whole row of a matrix. Weights are packed in panels of
-//! columns, each `[k][width]`, so that they stream through the cache once per tile of pixels.
+//! The left matrix is never formed. Each of its rows belongs to one output pixel and is read from where it lies: `runs`
+//! runs of `run_len` contiguous inputs, `run_stride` apart, which are the rows of a convolution's window in an NHWC map
+//! stored with its border of zeros, or one whole row of a matrix. The right matrix, the weights, is packed in panels of
+//! columns, each `[k][width]`, which stream through the cache once per tile of pixels.
 
 use half::bf16;
 
 use super::stored::Weight;
 use super::vector::{Vector, prefetch};
-use super::{Buffer, GROUP, Level, Storage, Stored, dispatch};
+use super::{Buffer, Epilogue, GROUP, Level, Storage, Stored, dispatch};
 
-/// Where each output pixel reads and writes, in one image of a batch.
+/// An implicit im2col: where the rows of the left matrix lie in one image of a batch, and where the results go.
 #[derive(Debug, Clone)]
-pub struct Gather {
-    /// Offset of the first input of each pixel.
+pub struct Im2col {
+    /// Offset of each pixel's first input.
     pub input: Vec<u32>,
-    /// Offset of the first output channel of each pixel.
+    /// Offset of each pixel's first output channel.
     pub output: Vec<u32>,
-    /// Stretches of contiguous inputs.
+    /// Runs of contiguous inputs in a row.
     pub runs: usize,
-    /// Numbers in a stretch.
+    /// Numbers in a run.
     pub run_len: usize,
-    /// Distance between the starts of two stretches.
+    /// Distance between the starts of two runs.
     pub run_stride: usize,
 }
 
-impl Gather {
-    /// One pixel whose input is a row of `len` numbers: a linear layer.
+impl Im2col {
+    /// One pixel whose input is `len` contiguous numbers: a linear layer.
     #[must_use]
     pub fn row(len: usize) -> Self {
         Self { input: vec![0], output: vec![0], runs: 1, run_len: len, run_stride: 0 }
@@ -110,13 +111,13 @@ impl Panels {
     }
 }
 
-/// One call of [`matmul`].
+/// One call of [`gemm`].
 #[derive(Debug)]
-pub struct Product<'a> {
+pub struct Gemm<'a> {
     /// Weights and bias.
     pub panels: &'a Panels,
     /// Where the pixels lie.
-    pub gather: &'a Gather,
+    pub im2col: &'a Im2col,
     /// Images, or rows, in the batch.
     pub batch: usize,
     /// The batch's inputs.
@@ -127,58 +128,56 @@ pub struct Product<'a> {
     pub output: &'a mut [f32],
     /// Distance between the outputs of two images.
     pub output_stride: usize,
-    /// Add to what the output holds, before the rectifier: a residual connection.
-    pub accumulate: bool,
-    /// Replace negative results by zero.
-    pub relu: bool,
+    /// What follows the sums.
+    pub epilogue: Epilogue,
 }
 
 /// Computes `output = [relu](weights * input + bias [+ output])` for every pixel of the batch.
 ///
 /// # Panics
-/// If the weights do not fit the gather, or a pixel lies outside the slices: a fault of this crate, not of its input.
-pub fn matmul(product: &mut Product<'_>) {
-    let Product { panels, gather, batch, .. } = *product;
-    assert_eq!(gather.runs * gather.run_len, panels.inputs, "weights do not fit the window");
-    assert_eq!(gather.input.len(), gather.output.len(), "one output for each input pixel");
-    if batch == 0 || gather.input.is_empty() {
+/// If the weights do not fit the window, or a pixel lies outside the slices: a fault of this crate, not of its input.
+pub fn gemm(call: &mut Gemm<'_>) {
+    let Gemm { panels, im2col, batch, .. } = *call;
+    assert_eq!(im2col.runs * im2col.run_len, panels.inputs, "weights do not fit the window");
+    assert_eq!(im2col.input.len(), im2col.output.len(), "one output for each input pixel");
+    if batch == 0 || im2col.input.is_empty() {
         return;
     }
-    assert!((batch - 1) * product.input_stride + gather.input_extent() <= product.input.len(), "input too short");
+    assert!((batch - 1) * call.input_stride + im2col.input_extent() <= call.input.len(), "input too short");
     assert!(
-        (batch - 1) * product.output_stride + gather.output_extent(panels.outputs) <= product.output.len(),
+        (batch - 1) * call.output_stride + im2col.output_extent(panels.outputs) <= call.output.len(),
         "output too short"
     );
     // SAFETY: the two extents above bound every offset that the loops form, and `panels` holds inputs * outputs weights.
     match &panels.values {
         Stored::F32(values) => {
-            let mut job = Job::new(product, values.as_ptr());
+            let mut job = Job::new(call, values.as_ptr());
             dispatch!(panels.level, all_tiles::<f32>, &mut Job<'_, f32>, &mut job);
         }
         Stored::Bf16(values) => {
-            let mut job = Job::new(product, values.as_ptr());
+            let mut job = Job::new(call, values.as_ptr());
             dispatch!(panels.level, all_tiles::<bf16>, &mut Job<'_, bf16>, &mut job);
         }
     }
 }
 
-/// Most pixels in a tile: their pointers and sums just fit the registers.
+/// Most pixels in a tile: their pointers and sums just fit in the registers.
 const MOST: usize = 12;
 
 /// Inputs in one turn of the innermost loop.
 const UNROLL: usize = 8;
 
-/// How far ahead weights are asked for: hardware prefetching ends at a page, ours does not.
+/// How far ahead weights are prefetched: unlike the hardware's prefetching, ours does not stop at the end of a page.
 const PREFETCH_BYTES: usize = 8 << 10;
 
-/// Bytes of weights that come from beyond the second-level cache. They are read in as many streams as there are runs,
-/// since the hardware fetches more at a time from several pages than from one.
+/// From this many bytes on, weights come from beyond the second-level cache. They are then read in as many streams as
+/// there are runs, because the hardware fetches more at a time from several pages than from one.
 const STREAMED_BYTES: usize = 1 << 20;
 
-/// Inputs of one stream before it is the next one's turn.
+/// Inputs read from one stream before the next one's turn.
 const STREAMED_STRETCH: usize = 2 * UNROLL;
 
-/// Bytes of input that should stay in the second-level cache while all panels pass over them.
+/// Bytes of input that should stay in the second-level cache while every panel passes over them.
 const BLOCK_BYTES: usize = 384 << 10;
 
 struct Job<'a, W> {
@@ -187,32 +186,30 @@ struct Job<'a, W> {
     inputs: usize,
     outputs: usize,
     width: usize,
-    gather: &'a Gather,
+    im2col: &'a Im2col,
     batch: usize,
     input: *const f32,
     input_stride: usize,
     output: *mut f32,
     output_stride: usize,
-    accumulate: bool,
-    relu: bool,
+    epilogue: Epilogue,
 }
 
 impl<'a, W> Job<'a, W> {
-    fn new(product: &mut Product<'a>, weights: *const W) -> Self {
+    fn new(call: &mut Gemm<'a>, weights: *const W) -> Self {
         Self {
             weights,
-            bias: product.panels.bias.as_ptr(),
-            inputs: product.panels.inputs,
-            outputs: product.panels.outputs,
-            width: product.panels.width,
-            gather: product.gather,
-            batch: product.batch,
-            input: product.input.as_ptr(),
-            input_stride: product.input_stride,
-            output: product.output.as_mut_ptr(),
-            output_stride: product.output_stride,
-            accumulate: product.accumulate,
-            relu: product.relu,
+            bias: call.panels.bias.as_ptr(),
+            inputs: call.panels.inputs,
+            outputs: call.panels.outputs,
+            width: call.panels.width,
+            im2col: call.im2col,
+            batch: call.batch,
+            input: call.input.as_ptr(),
+            input_stride: call.input_stride,
+            output: call.output.as_mut_ptr(),
+            output_stride: call.output_stride,
+            epilogue: call.epilogue,
         }
     }
 }
@@ -226,25 +223,24 @@ struct Tile<W> {
     runs: usize,
     run_len: usize,
     run_stride: usize,
-    /// Inputs of one run between two of the next.
+    /// Inputs of one run that are read before the next run's turn.
     stretch: usize,
-    accumulate: bool,
-    relu: bool,
+    epilogue: Epilogue,
 }
 
 #[inline(always)]
 unsafe fn all_tiles<V: Vector, W: Weight>(job: &mut Job<'_, W>) {
-    let pixels = job.gather.input.len();
+    let pixels = job.im2col.input.len();
     let total = pixels * job.batch;
     let most = if V::LANES == 16 { MOST } else { 6 };
     let bytes_per_pixel = (job.input_stride * 4).div_ceil(pixels).max(1);
     let block = (BLOCK_BYTES / bytes_per_pixel).max(most);
     let from_memory = job.inputs * job.outputs * size_of::<W>() >= STREAMED_BYTES;
-    let stretch = if from_memory { STREAMED_STRETCH } else { job.gather.run_len };
+    let stretch = if from_memory { STREAMED_STRETCH } else { job.im2col.run_len };
     let mut block_start = 0;
     while block_start < total {
         let block_end = (block_start + block).min(total);
-        // Tiles of equal size waste no accumulators on a small rest.
+        // With tiles of equal size, no accumulators are wasted on a small remainder.
         let tiles = (block_end - block_start).div_ceil(most);
         let mut first_output = 0;
         while first_output < job.outputs {
@@ -258,17 +254,16 @@ unsafe fn all_tiles<V: Vector, W: Weight>(job: &mut Job<'_, W>) {
                         output: [std::ptr::null_mut(); MOST],
                         weights: job.weights.add(first_output * job.inputs),
                         bias: job.bias.add(first_output),
-                        runs: job.gather.runs,
-                        run_len: job.gather.run_len,
-                        run_stride: job.gather.run_stride,
+                        runs: job.im2col.runs,
+                        run_len: job.im2col.run_len,
+                        run_stride: job.im2col.run_stride,
                         stretch,
-                        accumulate: job.accumulate,
-                        relu: job.relu,
+                        epilogue: job.epilogue,
                     };
                     let (mut image, mut pixel) = (start / pixels, start % pixels);
                     for slot in 0..end - start {
-                        let from = image * job.input_stride + *job.gather.input.get_unchecked(pixel) as usize;
-                        let to = image * job.output_stride + *job.gather.output.get_unchecked(pixel) as usize;
+                        let from = image * job.input_stride + *job.im2col.input.get_unchecked(pixel) as usize;
+                        let to = image * job.output_stride + *job.im2col.output.get_unchecked(pixel) as usize;
                         tile.input[slot] = job.input.add(from);
                         tile.output[slot] = job.output.add(to + first_output);
                         pixel += 1;
@@ -308,8 +303,8 @@ unsafe fn one_tile<V: Vector, W: Weight>(tile: &Tile<W>, rows: usize, vectors: u
     }
 }
 
-/// `ROWS` pixels by `VECTORS` registers of outputs, the inputs dealt out over `SPLIT` sets of sums so that enough
-/// independent chains are in flight.
+/// `ROWS` pixels by `VECTORS` registers of outputs. The inputs are dealt out over `SPLIT` sets of sums, which keeps
+/// enough independent chains in flight.
 #[inline(always)]
 unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: usize, const SPLIT: usize>(
     tile: &Tile<W>,
@@ -336,7 +331,7 @@ unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: u
                     )*};
                 }
                 while k + UNROLL <= end {
-                    // Written out: a loop of this length is not unrolled, and then the sums leave the registers.
+                    // Written out: the compiler does not unroll a loop this long, and the sums would leave the registers.
                     unrolled!(0 1 2 3 4 5 6 7);
                     weights = weights.add(UNROLL * VECTORS * V::LANES);
                     k += UNROLL;
@@ -357,13 +352,7 @@ unsafe fn product_tile<V: Vector, W: Weight, const ROWS: usize, const VECTORS: u
                 for split in 1..SPLIT {
                     sum = sum.add(sums[split][row][vector]);
                 }
-                if tile.accumulate {
-                    sum = sum.add(V::load(to));
-                }
-                if tile.relu {
-                    sum = sum.max(V::zero());
-                }
-                sum.store(to);
+                tile.epilogue.store(sum, to);
             }
         }
     }
@@ -382,7 +371,7 @@ unsafe fn step<V: Vector, W: Weight, const ROWS: usize, const VECTORS: usize>(
             let column = weights.add(vector * V::LANES);
             columns[vector] = W::load::<V>(column);
             if VECTORS > 1 {
-                // Panels of one register are small layers, whose weights are in the cache.
+                // Panels one register wide belong to small layers, whose weights are in the cache.
                 prefetch(column.wrapping_byte_add(PREFETCH_BYTES));
             }
         }

@@ -3,22 +3,22 @@
 use ocplanner_core::error::Error;
 use pyo3::prelude::*;
 
-/// Turns a core error into the Python exception of the same meaning.
+/// The Python exception for a core error.
 pub fn to_python(py: Python<'_>, error: &Error) -> PyErr {
     let name = match error {
         Error::Shape { .. } => "ShapeError",
-        Error::WeightFile { .. } => "ModelFileError",
+        Error::ModelFile { .. } => "ModelFileError",
         _ => "InvalidValueError",
     };
     named(py, name, error.to_string())
 }
 
-/// A `ShapeError` with this message.
+/// A `ShapeError`.
 pub fn shape_error(py: Python<'_>, message: String) -> PyErr {
     named(py, "ShapeError", message)
 }
 
-/// The exception `ocplanner.errors.<class>` with this message.
+/// The exception `ocplanner.errors.<class>`.
 pub fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
     match py.import("ocplanner.errors").and_then(|module| module.getattr(class)?.call1((message,))) {
         Ok(exception) => PyErr::from_value(exception),
@@ -26,7 +26,7 @@ pub fn named(py: Python<'_>, class: &str, message: String) -> PyErr {
     }
 }
 
-/// An `UnknownNameError` that lists the names there are.
+/// An `UnknownNameError` that lists the known names.
 pub fn unknown_name(py: Python<'_>, kind: &str, name: &str, known: &[&str]) -> PyErr {
     let class = py.import("ocplanner.errors").and_then(|module| module.getattr("UnknownNameError"));
     match class.and_then(|class| class.call1((kind, name, known.to_vec()))) {
