@@ -32,11 +32,12 @@ _LAZY = {
     "PolicyResult": "ocplanner.policies.result",
     "Pose": "ocplanner.geometry.pose",
     "RewardConfig": "ocplanner.guidance.settings",
+    "TransferConfig": "ocplanner.zero_shot.settings",
     "evaluate_policy": "ocplanner.policies.evaluate",
     "label_dataset": "ocplanner.guidance.dataset",
     "make_env": "ocplanner.envs",
     "plan_reward": "ocplanner.guidance.rewards",
-    "transfer": "ocplanner.zero_shot.loop",
+    "transfer": "ocplanner.zero_shot.transfer",
 }
 
 __all__ = list(_LAZY)  # pyright: ignore[reportUnsupportedDunderAll]

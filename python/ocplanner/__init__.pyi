@@ -14,4 +14,5 @@ from ocplanner.planner.planner import Planner as Planner
 from ocplanner.policies.evaluate import evaluate_policy as evaluate_policy
 from ocplanner.policies.policy import Policy as Policy
 from ocplanner.policies.result import PolicyResult as PolicyResult
-from ocplanner.zero_shot.loop import transfer as transfer
+from ocplanner.zero_shot.settings import TransferConfig as TransferConfig
+from ocplanner.zero_shot.transfer import transfer as transfer

@@ -5,9 +5,12 @@ robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and late
 either breaks late and obscurely, so the package refuses to start and says what to install.
 """
 
+import shlex
+import sys
 from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 
 from ocplanner.errors import VersionError
 
@@ -57,6 +60,12 @@ def check_pin(package: str, lowest: tuple[int, ...], above: tuple[int, ...], req
         raise VersionError(
             f"{package} {found} is installed, but ocplanner needs {requirement}; run: pip install '{requirement}'"
         )
+
+
+def running_command() -> str:
+    """The command line that runs this process, as results record it; its words are quoted for a shell."""
+    name = Path(sys.argv[0]).name if sys.argv else "ocplanner"
+    return shlex.join([name, *sys.argv[1:]])
 
 
 def installed() -> dict[str, str]:

@@ -18,9 +18,7 @@ import numpy as np
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.files.storage import atomic_json
 from ocplanner.versions import installed
-from ocplanner.zero_shot.episode import run_episode
-from ocplanner.zero_shot.scenario import make_scenario
-from ocplanner.zero_shot.task_planners import TaskPlanners
+from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 
 FIRST_SEED = 500
 LAST_STEPS = 12
@@ -53,10 +51,8 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=10)
     parser.add_argument("--out", type=Path, default=Path("results/jaco_losses.json"))
     options = parser.parse_args()
-    planners = TaskPlanners.of(options.planner)
-    scenario = make_scenario(planners, "Jaco")
-    stage, rows, ends = scenario.make(), [], Counter()
-    env = stage.env
+    runner, rows, ends = EpisodeRunner(TransferSetup.of(options.planner, "Jaco")), [], Counter()
+    env = runner.env
     root = env.model.body("SquareNut_main").id
     nut = env.model.body_rootid[env.model.geom_bodyid] == root
     pushes: list[float] = []
@@ -67,7 +63,7 @@ def main() -> None:
     try:
         for seed in range(FIRST_SEED, FIRST_SEED + options.episodes):
             pushes.clear()
-            episode = run_episode(env, planners.by_object, seed, scenario.settings, on_step=note)
+            episode = runner.run(seed, note)
             ends[episode.failure or "success"] += 1
             phases = episode.trace.phases
             for step in range(1, len(phases)):
@@ -76,7 +72,7 @@ def main() -> None:
                     rows.append({"seed": seed, "step": step, "phase": phases[step - 1], "push_n": round(hardest, 1)})
                     print(rows[-1], flush=True)  # noqa: T201
     finally:
-        stage.close()
+        runner.close()
     command = shlex.join(["python", "tests/benchmarks/jaco_losses.py", *sys.argv[1:]])
     content = {"command": command, "first_seed": FIRST_SEED, "episodes": dict(ends), "versions": installed()}
     atomic_json(options.out, {**content, "losses": rows})

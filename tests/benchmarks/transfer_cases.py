@@ -14,10 +14,10 @@ from sim_measured import SimMeasured
 from turns import taking_turns
 
 from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.zero_shot.scenario import Scenario, Stage, make_scenario
+from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 
 _PLANNER = Path("results/planners/square_masked_h20_pose_0.safetensors")
 _ROBOT = "Sawyer"
@@ -25,17 +25,17 @@ _FIRST_SEED = 20_000
 
 
 class Episodes:
-    """Plays episodes of one scenario."""
+    """Plays episodes of one transfer."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._stage = scenario.make()
+    def __init__(self, setup: TransferSetup) -> None:
+        self._runner = EpisodeRunner(setup)
 
     def prepare(self, index: int) -> None:
         """Nothing: the reset is part of an episode."""
 
     def act(self, index: int) -> EpisodeResult:
         """One whole episode."""
-        return self._stage.play(_FIRST_SEED + index)
+        return self._runner.play(_FIRST_SEED + index)
 
 
 def whole_episode(episodes: int) -> SimMeasured:
@@ -44,9 +44,9 @@ def whole_episode(episodes: int) -> SimMeasured:
     The planner was not trained on the stock pictures, so the two sides' episodes need not be equally long: the rates of
     control steps are in the row too.
     """
-    planner = Planner.load(_PLANNER)
-    ours = make_scenario(planner, _ROBOT)
-    stock = make_scenario(planner, _ROBOT, visual="stock", allow_mismatch=True, control="stock")
+    ours = TransferSetup.of(_PLANNER, _ROBOT)
+    config = TransferConfig(visual="stock", allow_mismatch=True, control_loop="stock")
+    stock = TransferSetup.of(_PLANNER, _ROBOT, config)
     played = taking_turns({"ours": partial(Episodes, ours), "robosuite": partial(Episodes, stock)}, episodes)
     seconds = {name: float(np.mean([turn.wall for turn in turns])) for name, turns in played.items()}
     steps = {name: float(np.mean([turn.value.steps for turn in turns])) for name, turns in played.items()}
@@ -81,13 +81,13 @@ def two_workers(episodes: int, rounds: int = 2) -> SimMeasured:
     stands what the processor time of all threads would give if each worker had a core to itself: other processes
     disturb that less.
     """
-    scenario = make_scenario(Planner.load(_PLANNER), _ROBOT)
+    make = partial(EpisodeRunner, TransferSetup.of(_PLANNER, _ROBOT))
     seconds: dict[str, list[float]] = {"ours": [], "one worker": []}
     processor: dict[str, list[float]] = {"ours": [], "one worker": []}
     for _ in range(rounds):
         for name, workers in (("one worker", 1), ("ours", 2)):
             seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
-            spans = [span for _, span in run_episodes(scenario.make, _span, seeds, WorkerSettings(workers))]
+            spans = [span for _, span in run_episodes(make, _span, seeds, WorkerSettings(workers))]
             seconds[name].append(_seconds_a_step(spans))
             processor[name].append(_processor_seconds_a_step(spans))
     return SimMeasured(
@@ -98,10 +98,10 @@ def two_workers(episodes: int, rounds: int = 2) -> SimMeasured:
     )
 
 
-def _span(stage: Stage, seed: int) -> _Span:
+def _span(runner: EpisodeRunner, seed: int) -> _Span:
     start = time.monotonic()  # the same clock in all processes
     processor = time.process_time()
-    run = stage.play(seed)
+    run = runner.play(seed)
     return _Span(os.getpid(), start, time.monotonic(), time.process_time() - processor, run.steps)
 
 

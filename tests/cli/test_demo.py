@@ -24,12 +24,8 @@ def test_every_step_leaves_its_file(out: Path) -> None:
 
 def test_the_result_says_how_it_was_made(out: Path) -> None:
     result = json.loads((out / "sawyer.json").read_text())
-    assert (result["task"], result["robot"], result["observe"], result["follow"]) == (
-        "Square",
-        "Sawyer",
-        "masked",
-        "gated",
-    )
+    assert (result["task"], result["robot"], result["observe"]) == ("Square", "Sawyer", "masked")
+    assert result["settings"]["control"]["follow"] == "gated"
     assert result["patches"] == ["sawyer-base-contact"]
     assert [run["seed"] for run in result["runs"]] == [10000]
     low, high = result["interval"]
@@ -42,6 +38,32 @@ def test_a_second_run_does_nothing_again(out: Path, capsys: pytest.CaptureFixtur
     assert main(["demo", *flags]) == 0
     assert {path: path.stat().st_mtime_ns for path in out.glob("*.hdf5")} == before
     assert "report.html" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("--seed", "1"),
+        ("--demonstrations", "5"),
+        ("--stages", "4", "4", "3"),
+        ("--data", "square_ph.hdf5"),
+    ],
+)
+def test_files_of_other_flags_are_not_used_again(out: Path, capsys: pytest.CaptureFixture[str], flags) -> None:
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
+    given = {"--demonstrations": ("4",), "--stages": ("4", "4", "2"), flags[0]: flags[1:]}
+    words = [word for flag, values in given.items() for word in (flag, *values)]
+    assert main(["demo", "--out", str(out), "--episodes", "1", *words]) == 2
+    error = capsys.readouterr().err
+    assert f"was made with {flags[0]} " in error
+    assert "choose another --out" in error
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_folder_of_unknown_origin_is_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "demonstrations.hdf5").touch()
+    assert main(["demo", "--out", str(tmp_path)]) == 2
+    assert "has no demo.json" in capsys.readouterr().err
 
 
 def test_an_unknown_robot_is_named_before_anything_is_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """``ocplanner reproduce`` with commands that leave what the real ones leave, at once."""
 
+import hashlib
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -8,15 +9,39 @@ from pathlib import Path
 import pytest
 
 from ocplanner.cli import main
-from ocplanner.control.noisy_pose import PoseError
-from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.files.storage import atomic_json
 from ocplanner.reproduction import held_out, reproduction
 from ocplanner.reproduction.experiments import planner_experiments
-from ocplanner.zero_shot.matrix import Matrix
-from ocplanner.zero_shot.result import TransferResult
+from ocplanner.zero_shot.result import Matrix
+from transfer_results import transfer_result
 
 NAMES = [experiment.name for experiment in planner_experiments((0,))]
+
+
+def transferred(arguments, successes=None):
+    """Write what a command of `transfer` or `matrix` writes; half of the episodes succeed if not said otherwise."""
+    options, noise = dict(pairwise(arguments)), (0.0, 0.0)
+    if "--pose-noise" in arguments:
+        at = arguments.index("--pose-noise")
+        noise = (float(arguments[at + 1]), float(arguments[at + 2]))
+    planner = Path(options.get("--planner", "absent"))
+    sha256 = hashlib.sha256(planner.read_bytes()).hexdigest() if planner.exists() else "ab" * 32
+    episodes, out = int(options["--episodes"]), Path(options["--out"])
+    result = transfer_result(
+        (episodes + 1) // 2 if successes is None else successes,
+        episodes,
+        robot=options.get("--robot", "Panda"),
+        follow=options.get("--follow", "gated"),
+        observe=next((name for name in ("no-robot", "full") if name in planner.stem), "masked"),
+        planner_sha256=sha256,
+        mask_error=int(options.get("--mask-error", 0)),
+        pose_noise=noise,
+        pose_filter=int(options.get("--pose-filter", 1)),
+    )
+    if arguments[0] == "matrix":
+        Matrix("ocplanner matrix", (result, replace(result, robot="IIWA"))).save(out)
+    else:
+        result.save(out)
 
 
 @pytest.fixture
@@ -38,11 +63,7 @@ def commands(monkeypatch, tmp_path):
             (folder / "metrics.jsonl").write_text(json.dumps(row | errors) + "\n")
             (folder / "planner.safetensors").write_text(f"{folder}")
         else:
-            content = {"planner_seed": 0, "mask_error": int(options.get("--mask-error", 0)), "successes": 1}
-            shown = {name: options[f"--{name}"] for name in ("robot", "follow", "observe")}
-            out = Path(options["--out"])
-            out.parent.mkdir(parents=True, exist_ok=True)
-            out.write_text(json.dumps({**content, **shown, "episodes": int(options["--episodes"])}))
+            transferred(arguments, successes=1)
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)
@@ -137,20 +158,7 @@ def transfers(monkeypatch, tmp_path):
 
     def run(arguments, log):
         asked.append(arguments)
-        options = dict(pairwise(arguments))
-        millimetres, degrees = map(float, options.get("--pose-noise", "0,0").split(","))
-        episodes, out = int(options["--episodes"]), Path(options["--out"])
-        runs = tuple(
-            EpisodeResult(10000 + i, i % 2 == 0, 150, None if i % 2 == 0 else "slip", None) for i in range(episodes)
-        )
-        result = TransferResult(
-            "Square", options.get("--robot", "Panda"), "gated", "masked", "fast", "fast", "native", (), 0,
-            PoseError(millimetres, degrees), int(options.get("--pose-filter", 1)), "ab" * 32, 0, "ocplanner", {}, runs,
-        )  # fmt: skip
-        if "--matrix" in arguments:
-            Matrix("ocplanner transfer --matrix", (result, replace(result, robot="IIWA"))).save(out)
-        else:
-            result.save(out)
+        transferred(arguments)
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)
@@ -163,7 +171,7 @@ def test_the_matrix_is_remade_with_its_picture_and_table(transfers, capsys):
     assert main(["reproduce", "matrix", "--workers", "3", "--seeds", "1"]) == 0
     (arguments,) = transfers
     options = dict(pairwise(arguments))
-    assert arguments[:2] == ["transfer", "--matrix"]
+    assert arguments[0] == "matrix"
     assert (options["--episodes"], options["--workers"], options["--planner-seed"]) == ("50", "3", "1")
     assert Path("docs/images/matrix.png").exists()
     assert "| Square | 25/50 (37-63 %) | 25/50 (37-63 %) |" in Path("results/README.md").read_text()
@@ -173,13 +181,31 @@ def test_pose_noise_is_tried_in_all_sizes_plotted_and_not_done_again(transfers):
     Path("results").mkdir()
     Path("results/README.md").write_text("<!-- POSENOISE -->\n<!-- end POSENOISE -->\n")
     assert main(["reproduce", "pose-noise", "--episodes", "4"]) == 0
-    asked = {(options["--pose-noise"], options["--pose-filter"]) for options in map(dict, map(pairwise, transfers))}
+    asked = {tuple(words[words.index("--pose-noise") + 1 :][:4]) for words in transfers}
     assert len(asked) == len(transfers) == 16
-    assert ("10,5", "8") in asked
+    assert ("10", "5", "--pose-filter", "8") in asked
     assert Path("docs/images/pose_noise.png").exists()
     assert "| 8 steps | 5° | 1/2 | 1/2 | 1/2 | 1/2 |" in Path("results/README.md").read_text()
     transfers.clear()
     assert main(["reproduce", "pose-noise", "--episodes", "4"]) == 0
+    assert transfers == []
+
+
+@pytest.mark.parametrize("part", ["zero-shot", "pose-noise"])
+def test_results_of_other_episodes_or_another_planner_are_not_taken_for_what_was_asked(transfers, capsys, part):
+    planner = Path("results/planners/square_masked_h20_pose_0.safetensors")
+    planner.parent.mkdir(parents=True)
+    planner.write_text("one")
+    command = ["reproduce", part, "--seeds", "0", "--episodes"]
+    assert main([*command, "8"]) == 0
+    transfers.clear()
+    assert main([*command, "8"]) == 0
+    assert main([*command, "4"]) == 2
+    assert "holds" in (error := capsys.readouterr().err)
+    assert "give the --episodes that made it" in error
+    planner.write_text("another")
+    assert main([*command, "8"]) == 2
+    assert f"is of another planner than {planner}" in capsys.readouterr().err
     assert transfers == []
 
 

@@ -1,10 +1,15 @@
-"""``ocplanner transfer`` with planners of random weights."""
+"""``ocplanner transfer`` with a planner of random weights."""
 
-import json
+from pathlib import Path
 
 import pytest
 
 from ocplanner.cli import main
+from ocplanner.cli.transfer import Transfer
+from ocplanner.control.settings import ControlSettings
+from ocplanner.rollouts.settings import WorkerSettings
+from ocplanner.zero_shot.result import read_result
+from ocplanner.zero_shot.settings import TransferConfig
 from random_planner import write_random_planner
 
 
@@ -20,18 +25,10 @@ def folder(tmp_path, monkeypatch):
     [
         ("--planner p.safetensors --robot Nobody", "unknown robot 'Nobody'; known:"),
         ("--planner absent.safetensors", "absent.safetensors"),
-        ("", "name its file with --planner, or add --matrix"),
-        ("--planner p.safetensors --robots Panda", "--robots goes with --matrix only"),
-        ("--planner p.safetensors --planner-seed 1", "--planner-seed goes with --matrix only"),
-        ("--planner p.safetensors --pose-noise 5", "MM,DEG"),
-        ("--planner p.safetensors --pose-noise=-5,0", "position is -5"),
+        ("--planner", "name its file with --planner"),
+        ("--planner p.safetensors --pose-noise -5 0", "position is -5"),
         ("--planner p.safetensors --pose-latency -1", "-1 steps"),
-        ("--matrix --planner p.safetensors", "--planner does not go with --matrix"),
-        ("--matrix --robot Panda", "--robot does not go with --matrix"),
-        ("--matrix --task Square", "--task does not go with --matrix"),
-        ("--matrix --planners p.safetensors --robots Panda Nobody", "unknown robot 'Nobody'; known:"),
-        ("--matrix", "name planner files with --planners"),
-        ("--matrix --planners .  --planner-seed 3", "no planner (.safetensors) of training seed 3"),
+        ("--planner p.safetensors --workers 0", "workers is 0"),
     ],
 )
 def test_what_is_wrong_is_one_line(folder, capsys, flags, message):
@@ -41,19 +38,37 @@ def test_what_is_wrong_is_one_line(folder, capsys, flags, message):
     assert error.count("\n") == 1
 
 
-def test_a_matrix_leaves_its_file_its_cells_a_picture_and_a_page(folder, capsys):
-    command = ["transfer", "--matrix", "--planners", ".", "--robots", "Panda", "Sawyer", "--episodes", "1"]
-    command += ["--pose-noise", "40,20", "--pose-latency", "2", "--out", "m.json"]
-    assert main(command) == 0
+@pytest.mark.parametrize("flags", ["--task Square", "--observe masked", "--matrix", "--pose-noise 5,2"])
+def test_flags_of_no_choice_are_gone(folder, capsys, flags):
+    with pytest.raises(SystemExit):
+        main(["transfer", "--planner", "p.safetensors", *flags.split()])
+
+
+def test_every_condition_is_a_flag(monkeypatch):
+    seen = []
+    monkeypatch.setattr(Transfer, "run", lambda transfer: seen.append(transfer))
+    flags = "--follow time --visual stock --allow-mismatch --no-patches --control stock --mask-error 2"
+    flags += " --pose-noise 5 2.5 --pose-latency 3 --pose-filter 8 --workers 2 --ray local"
+    assert main(["transfer", "--planner", "p.safetensors", *flags.split()]) == 0
+    config = TransferConfig(
+        control=ControlSettings(follow="time"),
+        visual="stock",
+        allow_mismatch=True,
+        patches=False,
+        control_loop="stock",
+        mask_error=2,
+        pose_noise=(5.0, 2.5),
+        pose_latency=3,
+        pose_filter=8,
+    )
+    assert seen == [Transfer((Path("p.safetensors"),), config=config, workers=WorkerSettings(2, "local"))]
+
+
+def test_the_result_file_is_named_by_what_was_run(folder, capsys):
+    command = ["transfer", "--planner", "p.safetensors", "--robot", "Panda", "--episodes", "1", "--no-patches"]
+    assert main([*command, "--seed-start", "500"]) == 0
     printed = capsys.readouterr().out
-    assert "Square on Sawyer (gated, masked, noise40mm20deg, latency2): 0/1" in printed
-    cells = json.loads((folder / "m.json").read_text())["cells"]
-    assert [cell["robot"] for cell in cells] == ["Panda", "Sawyer"]
-    assert {"planner_sha256", "versions", "interval", "failures", "runs"} <= set(cells[0])
-    name = "square_panda_gated_masked_noise40mm20deg_latency2_0.json"
-    assert json.loads((folder / "m" / name).read_text()) == cells[0]
-    assert (folder / "m.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["report", "m.json", "--out", "page.html"]) == 0
-    page = (folder / "page.html").read_text()
-    assert "Every task on every robot" in page
-    assert "0/1" in page
+    assert "Square on Panda (gated, masked, no patches): 0/1" in printed
+    path = folder / "results" / "transfer" / "square_panda_gated_masked_unpatched_0.json"
+    assert [run.seed for run in read_result(path).runs] == [500]
+    assert read_result(path).planners == ("p.safetensors",)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from floating_cell import FloatingArm
-from ocplanner.control.noisy_pose import NoisyPoseCell, PoseError, parse_noise
+from ocplanner.control.noisy_pose import NoisyPoseCell, PoseError
 from ocplanner.envs.robots import RobotSpec
 from ocplanner.errors import InvalidValueError
 from ocplanner.geometry.pose import Pose
@@ -96,21 +96,7 @@ def test_without_an_error_the_pose_is_exact_and_all_else_always_is():
     assert wrong.robot is exact.robot
 
 
-def test_labels_name_what_is_wrong():
-    assert PoseError().labels == ()
-    assert PoseError(5.0, 2.0).labels == ("noise5mm2deg",)
-    assert PoseError(0.5, latency_steps=3).labels == ("noise0.5mm0deg", "latency3")
-    assert PoseError(latency_steps=3).labels == ("latency3",)
-
-
 @pytest.mark.parametrize("values", [(-1.0,), (0.0, -1.0), (float("nan"),), (0.0, float("inf")), (0.0, 0.0, -1)])
 def test_impossible_errors_are_refused(values):
     with pytest.raises(InvalidValueError, match="pose"):
         PoseError(*values)
-
-
-def test_noise_is_two_numbers():
-    assert parse_noise("5,2.5") == (5.0, 2.5)
-    for text in ("5", "5,2,1", "5 2", "", "a,b"):
-        with pytest.raises(InvalidValueError, match="MM,DEG"):
-            parse_noise(text)

@@ -57,7 +57,7 @@ class Verb:
     """One verb with its flags.
 
     Attributes:
-        name: as on the command line, perhaps with a flag for people.
+        name: as on the command line.
         output: the last file that it writes, in the folder where it works; None: it writes nothing.
         arguments: from its inputs by kind, and the output.
         reads: the inputs by kind: names of :class:`Material`.
@@ -75,7 +75,7 @@ class Verb:
     def command(self, material: Material, work: Path, **instead: Path) -> list[str]:
         """The verb and its flags, with other inputs where ``instead`` names them."""
         inputs = {kind: instead.get(kind) or getattr(material, kind) for kind in self.reads}
-        return [self.name.split()[0], *self.arguments(inputs, work / (self.output or ""))]
+        return [self.name, *self.arguments(inputs, work / (self.output or ""))]
 
 
 def _collect(_: dict[str, Path], out: Path) -> list[str]:
@@ -107,7 +107,7 @@ def _transfer(inputs: dict[str, Path], out: Path) -> list[str]:
 
 def _matrix(inputs: dict[str, Path], out: Path) -> list[str]:
     planners, robots = ["--planners", str(inputs["planner"])], ["--robots", "Sawyer", "UR5e"]
-    return ["--matrix", *planners, *robots, "--episodes", "2", "--out", str(out)]
+    return [*planners, *robots, "--episodes", "2", "--out", str(out)]
 
 
 def _info(inputs: dict[str, Path], _: Path) -> list[str]:
@@ -119,7 +119,7 @@ def _evaluate(inputs: dict[str, Path], out: Path) -> list[str]:
 
 
 _PLANNING = "ocplanner.planner.planner"
-_TRANSFERRING = (_PLANNING, "ocplanner.zero_shot.loop")
+_TRANSFERRING = (_PLANNING, "ocplanner.zero_shot.transfer")
 _EVALUATING = ("ocplanner.policies.evaluate",)
 _FITTING = ("ocplanner.planner.train", "ocplanner.report.page")
 
@@ -132,7 +132,7 @@ TRAIN_POLICY = Verb(
 )
 TRANSFER = Verb("transfer", "out.json", _transfer, ("planner",), modules=_TRANSFERRING)
 MATRIX = Verb(
-    "transfer --matrix",
+    "matrix",
     "out.json",
     _matrix,
     ("planner",),

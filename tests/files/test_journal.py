@@ -46,6 +46,13 @@ def test_a_line_cut_by_a_kill_is_dropped_and_written_again(tmp_path):
     assert list(Journal(path, {}).runs) == [10000, 10001]
 
 
+def test_the_setting_that_differs_is_named(tmp_path):
+    path = tmp_path / "result.json.journal"
+    Journal(path, {"settings": {"pose_latency": 0, "mask_error": 0}})
+    with pytest.raises(OutputError, match=r"another settings\.pose_latency;"):
+        Journal(path, {"settings": {"pose_latency": 1, "mask_error": 0}})
+
+
 def test_another_transfers_journal_is_refused(tmp_path):
     path = tmp_path / "result.json.journal"
     Journal(path, {"robot": "Sawyer", "follow": "gated"})

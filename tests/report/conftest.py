@@ -53,7 +53,7 @@ def write_result(tmp_path):
             "task": "Square", "robot": "Sawyer", "follow": "gated", "observe": "masked",
             "patches": ["sawyer-base-contact"],
             "episodes": len(runs), "successes": successes, "interval": [0.2, 0.9],
-            "planner_sha256": "ab" * 32, "command": "ocplanner transfer --robot Sawyer",
+            "planner_sha256": "ab" * 32, "planner_seed": None, "command": "ocplanner transfer --robot Sawyer",
             "versions": {"mujoco": "3.9.0"}, "runs": runs,
         }  # fmt: skip
         path = tmp_path / f"{name}.json"

@@ -1,7 +1,8 @@
 import json
 
 from ocplanner.report.heat_map import draw_heat_map, heat_map, write_heat_map
-from ocplanner.report.results import group_results, read_results
+from ocplanner.report.results import group_results
+from ocplanner.zero_shot.result import read_results
 
 
 def table(paths):
@@ -36,6 +37,12 @@ def test_settings_are_named_where_they_differ(write_result):
         "Square (gated, masked)",
         "Square (time, masked)",
     )
+
+
+def test_a_result_without_patches_has_a_row_of_its_own(write_result):
+    found = table([write_result("with", successes=3), write_result("without", successes=1, patches=[])])
+    assert found.rows == ("Square (gated, masked)", "Square (gated, masked, no patches)")
+    assert texts(draw_heat_map(found)) == ["3/4", "20-90 %", "1/2", "20-90 %"]
 
 
 def test_a_matrix_file_becomes_a_picture(tmp_path, write_result):

@@ -6,7 +6,7 @@ import pytest
 from ocplanner.drawing.video import read_video, write_video
 from ocplanner.errors import ResultFileError
 from ocplanner.report.media import embed_file, embed_video, match_episode
-from ocplanner.report.results import read_results
+from ocplanner.zero_shot.result import read_results
 
 
 def test_an_embedded_video_is_the_file_and_has_a_poster_and_a_strip(tmp_path, frames, write_result):

@@ -2,7 +2,7 @@ import pytest
 
 from ocplanner.errors import ResultFileError
 from ocplanner.report.noise_plot import noise_series, success_against_noise, write_noise_plot
-from ocplanner.report.results import read_results
+from ocplanner.zero_shot.result import read_results
 
 
 @pytest.fixture
@@ -39,13 +39,13 @@ def test_filtered_poses_stand_beside_those_as_read(write_noisy):
     (series,) = noise_series(records(paths))
     legend = success_against_noise(series).legends[0].get_texts()
     assert [text.get_text() for text in legend] == ["rotation noise 0°, mean of 8 steps", "rotation noise 0°, as read"]
-    assert "averaged over 8 steps" in next(record for record in series if record.pose_filter == 8).setting
+    assert "averaged over 8 steps" in next(record for record in series if record.settings.pose_filter == 8).setting
 
 
 def test_other_robots_latencies_and_planners_stand_apart(write_noisy):
     paths = [write_noisy(0, 0), write_noisy(5, 0), write_noisy(5, 0, latency=2), write_noisy(5, 0, robot="UR5e")]
     (series,) = noise_series(records(paths))
-    assert [record.pose_error.position_mm for record in series] == [0, 5]
+    assert [record.settings.pose_noise[0] for record in series] == [0, 5]
     assert "pose noise 5 mm 0°" in series[1].setting
     assert noise_series(records(paths[2:])) == []
 

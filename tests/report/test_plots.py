@@ -5,8 +5,9 @@ import pytest
 from ocplanner.drawing.style import save_figure
 from ocplanner.errors import InvalidValueError, ShapeError
 from ocplanner.report import plots
-from ocplanner.report.results import group_results, read_results
+from ocplanner.report.results import group_results
 from ocplanner.report.runs import read_run
+from ocplanner.zero_shot.result import read_results
 
 
 def texts(figure) -> str:

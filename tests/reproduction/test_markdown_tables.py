@@ -1,6 +1,5 @@
 """Tables inside Markdown files."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,16 +7,14 @@ import pytest
 from ocplanner.cli import main
 from ocplanner.errors import ResultFileError
 from ocplanner.reproduction.markdown_tables import replace_tables, write_tables
+from transfer_results import transfer_result
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def results(tmp_path):
-    (tmp_path / "results" / "transfer").mkdir(parents=True)
-    result = {"follow": "gated", "observe": "masked", "robot": "Sawyer", "planner_seed": 0, "mask_error": 0}
-    text = json.dumps({**result, "successes": 9, "episodes": 10})
-    (tmp_path / "results" / "transfer" / "square.json").write_text(text)
+    transfer_result(9).save(tmp_path / "results" / "transfer" / "square.json")
     (tmp_path / "README.md").write_text("# A\n<!-- TABLE -->\nold\n<!-- end TABLE -->\nafter\n")
     return tmp_path / "results"
 

@@ -7,6 +7,7 @@ import pytest
 from ocplanner.errors import ResultFileError
 from ocplanner.reproduction.paper_comparison import comparison_table
 from ocplanner.reproduction.policy_tables import TABLES
+from transfer_results import transfer_result
 
 PUBLISHED = ["78.7", "84.0", "62.0", "82.0", "69.3", "80.7", "50.0", "41.3", "44.7", "46.7"]
 
@@ -23,10 +24,8 @@ def test_every_number_of_the_paper_is_there_before_anything_is_measured(tmp_path
 
 
 def test_transfers_of_all_seeds_count_together(tmp_path):
-    (tmp_path / "transfer").mkdir()
     for seed, successes in enumerate((8, 10)):
-        path = tmp_path / "transfer" / f"square_sawyer_gated_masked_{seed}.json"
-        path.write_text(json.dumps({"successes": successes, "episodes": 10}))
+        transfer_result(successes).save(tmp_path / "transfer" / f"square_sawyer_gated_masked_{seed}.json")
     (row,) = [row for row in rows(tmp_path) if "gated" in row[1]]
     assert row[3:6] == ["90.0", "69.9-97.2", "2"]
 

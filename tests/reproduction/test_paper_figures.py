@@ -12,8 +12,8 @@ from ocplanner.cli import main
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.drawing.style import new_figure
 from ocplanner.drawing.video import write_video
-from ocplanner.files.storage import atomic_json
 from ocplanner.reproduction import paper_figures, reproduction
+from transfer_results import transfer_result
 
 
 @pytest.fixture
@@ -42,19 +42,12 @@ def ran(monkeypatch, tmp_path, tiny_square):
             video = made.with_suffix("") / "episode_10000.mp4"
             video.parent.mkdir(parents=True)
             write_video(video, np.zeros((3, 64, 64, 3), dtype=np.uint8))
-            atomic_json(made, RESULT)
+            transfer_result(1, 1).save(made)
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)
     Path("square_ph.hdf5").write_bytes(tiny_square().read_bytes())
     return found
-
-
-RESULT = {
-    "task": "Square", "robot": "Sawyer", "follow": "gated", "observe": "masked", "patches": [], "episodes": 1,
-    "successes": 1, "interval": [0.2, 1.0], "planner_sha256": "ab" * 32, "command": "ocplanner transfer",
-    "versions": {}, "runs": [{"seed": 10000, "success": True, "steps": 200, "failure": None}],
-}  # fmt: skip
 
 
 @pytest.fixture

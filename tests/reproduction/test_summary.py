@@ -14,12 +14,12 @@ from ocplanner.reproduction.summary import (
     pose_noise_table,
     transfer_table,
 )
+from ocplanner.zero_shot.result import Matrix
+from transfer_results import transfer_result
 
 
 def write_result(folder, name, successes, **changes):
-    result = {"follow": "gated", "observe": "masked", "robot": "Sawyer", "planner_seed": 0, "mask_error": 0}
-    folder.mkdir(exist_ok=True)
-    (folder / f"{name}.json").write_text(json.dumps({**result, "successes": successes, "episodes": 10, **changes}))
+    transfer_result(successes, **changes).save(folder / f"{name}.json")
 
 
 def test_a_cell_holds_every_seed_and_their_mean(tmp_path) -> None:
@@ -66,7 +66,7 @@ def test_held_out_errors_are_those_on_the_recorded_robot(tmp_path) -> None:
     ]
 
 
-@pytest.mark.parametrize(("text", "message"), [("{", "cannot read"), ("{}", "lacks episodes"), ("7", "cannot read")])
+@pytest.mark.parametrize(("text", "message"), [("{", "cannot read"), ("{}", "lacks task"), ("7", "holds a int")])
 def test_a_damaged_result_is_named(tmp_path, text, message) -> None:
     (tmp_path / "square.json").write_text(text)
     with pytest.raises(ResultFileError, match=message):
@@ -76,17 +76,16 @@ def test_a_damaged_result_is_named(tmp_path, text, message) -> None:
 def test_the_matrix_has_a_row_a_task_and_its_failures_a_row_a_cell(tmp_path) -> None:
     path = tmp_path / "matrix.json"
     assert matrix_table(path) == failure_table(path) == NOTHING
-    cell = {"task": "Lift", "robot": "Panda", "successes": 9, "episodes": 10, "interval": [0.596, 0.982]}
-    cells = [
-        {**cell, "failures": {}},
-        {**cell, "robot": "Jaco", "successes": 0, "failures": {"slip": 3, "missed grasp": 7}},
-        {**cell, "task": "Can", "failures": {"slip": 1}},
-    ]
-    path.write_text(json.dumps({"command": "", "cells": cells}))
+    cells = (
+        transfer_result(10, task="Lift", robot="Panda"),
+        transfer_result(0, task="Lift", robot="Jaco", failures=("missed grasp",) * 7),
+        transfer_result(9, task="Can", robot="Panda"),
+    )
+    Matrix("", cells).save(path)
     assert matrix_table(path).splitlines() == [
         "| task | Panda | Jaco |",
         "| --- | --- | --- |",
-        "| Lift | 9/10 (60-98 %) | 0/10 (60-98 %) |",
+        "| Lift | 10/10 (72-100 %) | 0/10 (0-28 %) |",
         "| Can | 9/10 (60-98 %) |  |",
     ]
     assert failure_table(path).splitlines() == [
@@ -94,6 +93,11 @@ def test_the_matrix_has_a_row_a_task_and_its_failures_a_row_a_cell(tmp_path) -> 
         "| --- | --- | --- | --- |",
         "| Lift | Jaco | 7 | 3 |",
         "| Can | Panda |  | 1 |",
+    ]
+    Matrix("", (*cells[:1], transfer_result(5, task="Lift", robot="Panda", patches=False))).save(path)
+    assert matrix_table(path).splitlines()[2:] == [
+        "| Lift (gated, masked) | 10/10 (72-100 %) |",
+        "| Lift (gated, masked, no patches) | 5/10 (24-76 %) |",
     ]
     path.write_text("{")
     with pytest.raises(ResultFileError, match="cannot read"):
@@ -103,9 +107,8 @@ def test_the_matrix_has_a_row_a_task_and_its_failures_a_row_a_cell(tmp_path) -> 
 def test_pose_noise_is_shown_by_filter_rotation_and_position(tmp_path) -> None:
     assert pose_noise_table(tmp_path) == NOTHING
     for millimetres, degrees, steps, successes in ((10, 0, 8, 7), (2, 0, 8, 9), (2, 5, 8, 8), (2, 0, 1, 3)):
-        error = {"position_mm": millimetres, "rotation_deg": degrees, "latency_steps": 0}
         name = f"{millimetres}_{degrees}_{steps}"
-        write_result(tmp_path, name, successes, pose_error=error, pose_filter=steps)
+        write_result(tmp_path, name, successes, pose_noise=(float(millimetres), float(degrees)), pose_filter=steps)
     assert pose_noise_table(tmp_path).splitlines() == [
         "| averaged over | rotation noise | 2 mm | 10 mm |",
         "| --- | --- | --- | --- |",

@@ -5,7 +5,7 @@ import pytest
 from ocplanner.errors import MismatchError
 from ocplanner.planner.planner import Planner
 from ocplanner.zero_shot.matrix import find_planners
-from ocplanner.zero_shot.scenario import make_scenario
+from ocplanner.zero_shot.setup import TransferSetup
 from ocplanner.zero_shot.task_planners import TaskPlanners
 from random_planner import planner_config, random_tensors, write_planner
 
@@ -26,7 +26,7 @@ def test_planners_stand_in_the_tasks_order(write):
     assert planners.by_object == {"frame": frame, "tool": tool}
     assert planners.sha256 == f"{frame.sha256}+{tool.sha256}"
     assert TaskPlanners.of(planners) is planners
-    assert make_scenario(planners, "Sawyer").planners == (frame.path.absolute(), tool.path.absolute())
+    assert TransferSetup.of(planners, "Sawyer").planners == (frame.path.absolute(), tool.path.absolute())
 
 
 def test_a_planner_alone_is_that_of_its_task(write):

@@ -4,7 +4,9 @@ A verb module holds a frozen dataclass whose fields are the flags, with a method
 ``COMMAND``.
 """
 
+import contextlib
 import importlib
+import io
 import os
 import pkgutil
 import select
@@ -29,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         member = Annotated[command, tyro.conf.subcommand(name=verb)]
         union = member if union is None else union | member
     try:
-        tyro.cli(union, prog="ocplanner", args=arguments, config=(tyro.conf.OmitSubcommandPrefixes,)).run()
+        _parsed(union, arguments).run()
         sys.stdout.flush()
     except OcplannerError as error:
         sys.stderr.write(f"error: {error}\n")
@@ -42,6 +44,27 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return 141
     return 0
+
+
+def _parsed(union: Any, arguments: list[str] | None) -> Any:
+    """The verb that the arguments choose.
+
+    Raises:
+        OcplannerError: a value is outside its domain; tyro would frame the message instead.
+        SystemExit: the arguments cannot be parsed, or ask for help.
+    """
+    framed = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(framed):
+            return tyro.cli(union, prog="ocplanner", args=arguments, config=(tyro.conf.OmitSubcommandPrefixes,))
+    except SystemExit as ended:
+        error: BaseException | None = ended
+        while error is not None and not isinstance(error, OcplannerError):
+            error = error.__context__
+        if error is not None:
+            raise error from None
+        sys.stderr.write(framed.getvalue())
+        raise
 
 
 def _output_is_closed() -> bool:

@@ -13,6 +13,7 @@ from ocplanner.cli.train_planner import TrainPlanner
 from ocplanner.cli.transfer import Transfer
 from ocplanner.collection.settings import CollectSettings, RenderSettings
 from ocplanner.envs.robots import robot as robot_spec
+from ocplanner.files.records.demo import DemoInputs
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.rollouts.settings import WorkerSettings
 
@@ -22,7 +23,7 @@ class Demo:
     """The main job: demonstrations of a Panda -> planner -> another arm; ends with a success rate, videos and a report.
 
     Without --data it first collects scripted demonstrations of Square. Stop it whenever you like: the same command goes
-    on where it was.
+    on where it was, and one with another --data, --demonstrations, --seed or --stages needs another --out.
     """
 
     data: Path | None = None
@@ -45,6 +46,13 @@ class Demo:
     def run(self) -> None:
         """Take the steps that are not done yet, one after the other."""
         robot_spec(self.robot)
+        DemoInputs(
+            data=None if self.data is None else str(self.data.absolute()),
+            data_bytes=self.data.stat().st_size if self.data is not None and self.data.exists() else None,
+            demonstrations=self.demonstrations if self.data is None else None,
+            seed=self.seed,
+            stages=self.stages,
+        ).claim(self.out)
         console = Console()
         console.rule("1/6 this machine")
         Doctor().run()
@@ -84,7 +92,7 @@ class Demo:
             planner=(planner,),
             robot=self.robot,
             episodes=self.episodes,
-            workers=self.workers,
+            workers=WorkerSettings(self.workers),
             videos=videos,
             out=result,
             overwrite=True,

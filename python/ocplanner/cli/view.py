@@ -1,39 +1,44 @@
 """``ocplanner view``."""
 
 import contextlib
+import shlex
 import sys
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ocplanner.errors import MismatchError, ResultFileError
+from ocplanner.zero_shot.settings import TransferConfig
 
 if TYPE_CHECKING:
+    from ocplanner.files.records.episode import EpisodeResult
     from ocplanner.report.viewer import Playback
+    from ocplanner.zero_shot.result import TransferResult
 
 
 @dataclass(frozen=True)
 class View:
     """Show a zero-shot episode in three dimensions, in the browser: robot, objects, planned and achieved path, time.
 
-    Of a planner file an episode is run; of a result of `ocplanner transfer` one of its episodes is run again, and a
-    note says if it does not come out as it did then. Needs viser: pip install 'ocplanner[viewer]'. Ctrl-C ends it.
+    For a planner file an episode is run; for a result of `ocplanner transfer` one of its episodes is run again under
+    the same conditions, and a note says if it ends otherwise than it did then. Needs viser: pip install
+    'ocplanner[viewer]'. Ctrl-C ends it.
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="PLANNER-or-RESULT")]
     """Planner file (.safetensors) or the run folder that it is in, or result file of `ocplanner transfer` (.json)."""
     planner: tuple[Path, ...] = ()
-    """The planner file of a result, or those of all its task's objects. Default: what the result's command names."""
+    """The planner file of a result, or those of all its task's objects. Default: the files that the result names."""
     seed: int | None = None
-    """Seed of the episode. Default: 10000, or a result's first failure, if any, else its first episode."""
+    """Seed of the episode. Default: 10000; for a result its first failure, if any, else its first episode."""
     robot: str = "Sawyer"
-    """The arm; of a result its own."""
-    follow: Literal["gated", "time", "open-loop"] = "gated"
-    """How the plan is followed; of a result its own."""
+    """The arm; a result has its own."""
+    config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
+    """How the episode is run; a result has its own conditions."""
     host: str = "127.0.0.1"
     """Address to listen on; 0.0.0.0: other machines may look, too."""
     port: int = 8080
@@ -55,48 +60,59 @@ class View:
         """The episode to show.
 
         Raises:
-            ResultFileError: the result is damaged, or does not say which planner it is of.
+            ResultFileError: the result is damaged, or does not name its planner.
             MismatchError: it is of another planner, or of no episode with this seed.
             ModelFileError: the planner cannot be read.
         """
         from ocplanner.report.viewer import record_playback
-        from ocplanner.zero_shot.task_planners import TaskPlanners
+        from ocplanner.zero_shot.setup import TransferSetup
 
-        if self.source.suffix != ".json":
-            seed = 10000 if self.seed is None else self.seed
-            return record_playback(TaskPlanners.of((self.source, *self.planner)), self.robot, seed, follow=self.follow)
-        return self._again()
+        if self.source.suffix == ".json":
+            return self._again()
+        setup = TransferSetup.of((self.source, *self.planner), self.robot, self.config)
+        return record_playback(setup, 10000 if self.seed is None else self.seed)
 
     def _again(self) -> "Playback":
-        from ocplanner.report.results import read_results
         from ocplanner.report.viewer import record_playback
+        from ocplanner.zero_shot.result import read_results
+        from ocplanner.zero_shot.setup import TransferSetup
         from ocplanner.zero_shot.task_planners import TaskPlanners
 
-        record, *others = read_results(self.source)
+        result, *others = read_results(self.source)
         if others:
             raise ResultFileError(f"{self.source} holds {1 + len(others)} results; give a file with one")
-        words = record.command.split()
-        after = words[words.index("--planner") + 1 :] if "--planner" in words else []
-        named = list(takewhile(lambda word: not word.startswith("--"), after))
-        if not self.planner and not named:
-            raise ResultFileError(f"{self.source} does not say which planner it is of; name it with --planner")
-        planner = TaskPlanners.of(self.planner or named)
-        if planner.sha256 != record.planner_sha256:
-            raise MismatchError(f"{planner} is not the planner of {self.source}; name that one with --planner")
-        seeds = [run.seed for run in record.runs]
-        if self.seed is not None and self.seed not in seeds:
-            raise MismatchError(f"{self.source} has episodes {seeds[0]} to {seeds[-1]}, not {self.seed}")
-        failed = [run.seed for run in record.runs if not run.success]
-        seed = self.seed if self.seed is not None else [*failed, *seeds][0]
-        playback = record_playback(planner, record.robot, seed, follow=record.follow, patches=record.patches)
-        (run,) = [run for run in record.runs if run.seed == seed]
-        recorded = "success" if run.success else str(run.failure)
-        if (recorded, run.steps) != (playback.outcome, len(playback)):
+        named = self.planner or result.planners or _planners_in(result.command)
+        if not named:
+            raise ResultFileError(f"{self.source} does not name its planner; name it with --planner")
+        planners = TaskPlanners.of(named)
+        if planners.sha256 != result.planner_sha256:
+            raise MismatchError(f"{planners} is not the planner of {self.source}; name that one with --planner")
+        recorded = self._episode(result)
+        playback = record_playback(TransferSetup.of(planners, result.robot, result.settings), recorded.seed)
+        ended = "success" if recorded.success else str(recorded.failure)
+        if (ended, recorded.steps) != (playback.outcome, len(playback)):
             sys.stderr.write(
-                f"note: {self.source} says '{recorded}' after {run.steps} steps, here it is '{playback.outcome}' after "
-                f"{len(playback)}: other versions or another processor, or masks or poses were wrong on purpose\n"
+                f"note: {self.source} says '{ended}' after {recorded.steps} steps, here it is '{playback.outcome}' "
+                f"after {len(playback)}: another version of the package or another processor\n"
             )
         return playback
+
+    def _episode(self, result: "TransferResult") -> "EpisodeResult":
+        """The episode of the seed, or the first failure, or the first success."""
+        if self.seed is None:
+            return min(result.runs, key=lambda run: run.success)
+        found = result.episode(self.seed)
+        if found is None:
+            first, last = result.runs[0].seed, result.runs[-1].seed
+            raise MismatchError(f"{self.source} has episodes {first} to {last}, not {self.seed}")
+        return found
+
+
+def _planners_in(command: str) -> tuple[str, ...]:
+    """The planner files that a command names; results of format 1 name them nowhere else."""
+    words = shlex.split(command)
+    after = words[words.index("--planner") + 1 :] if "--planner" in words else []
+    return tuple(takewhile(lambda word: not word.startswith("--"), after))
 
 
 COMMAND = View

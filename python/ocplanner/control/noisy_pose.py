@@ -40,37 +40,12 @@ class PoseError:
         if self.latency_steps < 0:
             raise InvalidValueError(f"the pose latency is {self.latency_steps} steps, but must not be negative")
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """For file names, such as ``("noise5mm2deg", "latency2")``; empty without an error."""
-        labels = []
-        if self.position_mm or self.rotation_deg:
-            labels.append(f"noise{self.position_mm:g}mm{self.rotation_deg:g}deg")
-        if self.latency_steps:
-            labels.append(f"latency{self.latency_steps}")
-        return tuple(labels)
-
     def disturb(self, pose: Pose, rng: np.random.Generator) -> Pose:
         """A pose with the noise of one estimate."""
         shift, axis, angle = rng.standard_normal(3), rng.standard_normal(3), rng.standard_normal()
         turn = np.radians(self.rotation_deg) * angle * axis / np.linalg.norm(axis)
         position = pose.position + self.position_mm / 1000 * shift
         return Pose(position, rotation_exp(turn) @ pose.rotation)
-
-
-def parse_noise(text: str) -> tuple[float, float]:
-    """``"5,2"`` -> (5.0, 2.0): millimetres and degrees.
-
-    Raises:
-        InvalidValueError: it is not two numbers.
-    """
-    try:
-        millimetres, degrees = (float(number) for number in text.split(","))
-    except ValueError as error:
-        raise InvalidValueError(
-            f"pose noise is {text!r}, but must be MM,DEG: two numbers with a comma, such as 5,2"
-        ) from error
-    return millimetres, degrees
 
 
 class NoisyPoseCell:

@@ -1,29 +1,35 @@
-"""The episodes already done, on disk after each, so that a stopped transfer goes on where it was."""
+"""The episodes done so far, on disk after each, so that a stopped run goes on where it was."""
 
 import json
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import OutputError
 from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.files.storage import atomic_write, writing
+from ocplanner.settings import build
 
 
 class Journal:
-    """A file of lines: what is being run, then one episode a line, and whether it was filmed.
+    """A file of lines: first what is being run, then one episode a line, with whether it was filmed.
 
-    An episode that was run again stands twice; the later line holds.
+    An episode that was run again stands twice; the later line counts.
 
     Args:
         path: the file.
-        identity: whatever decides the episodes' outcome; JSON-able.
+        identity: everything that decides the episodes' outcome, as JSON types.
+
+    Attributes:
+        runs: the episodes by seed.
+        filmed: seeds of the episodes whose video is written.
 
     Raises:
-        OutputError: the file belongs to a transfer of another identity, or is damaged.
+        OutputError: the file belongs to a run of another identity, or is damaged.
     """
 
-    def __init__(self, path: Path, identity: dict[str, Any]) -> None:
+    def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
         self.path = path
         self.runs: dict[int, EpisodeResult] = {}
         self.filmed: set[int] = set()
@@ -34,8 +40,8 @@ class Journal:
             return
         try:
             lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-            whole = self._take(lines, identity)
-        except (ValueError, TypeError, AttributeError, IndexError) as error:
+            whole = self._read(lines, identity)
+        except (ValueError, TypeError, AttributeError, LookupError) as error:
             raise OutputError(
                 f"{path} is damaged ({error}); delete it, and its episodes are run again, or choose another output"
             ) from error
@@ -43,11 +49,11 @@ class Journal:
             with atomic_write(path) as temporary:
                 temporary.write_text(whole, encoding="utf-8")
 
-    def _take(self, lines: list[str], identity: dict[str, Any]) -> str:
-        """Note the episodes that stand in the lines; gives the text up to the last whole line."""
-        found = json.loads(lines[0])
-        if found != identity:
-            differing = sorted(key for key in {*found, *identity} if found.get(key) != identity.get(key))
+    def _read(self, lines: list[str], identity: Mapping[str, Any]) -> str:
+        """Note the episodes in the lines; returns the text up to the last whole line."""
+        found, wanted = dict(_flat(json.loads(lines[0]))), dict(_flat(identity))
+        if found != wanted:
+            differing = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
             raise OutputError(
                 f"{self.path} holds episodes run with another {', '.join(differing)}; finish that run with its own "
                 "settings, delete the file, or choose another output"
@@ -57,7 +63,8 @@ class Journal:
             if not line.endswith("\n"):  # the kill came in the middle of it
                 break
             content = json.loads(line)
-            self._note(filmed=content.pop("filmed", False), run=EpisodeResult(**content))
+            filmed = content.pop("filmed", False)
+            self._note(build(EpisodeResult, content), filmed=filmed)
             whole += line
         return whole
 
@@ -66,7 +73,7 @@ class Journal:
         (self.filmed.add if filmed else self.filmed.discard)(run.seed)
 
     def add(self, run: EpisodeResult, *, filmed: bool = False) -> None:
-        """Keep one episode, and that its video is written if it is; when this returns it survives a kill."""
+        """Keep one episode, and whether its video is written; when this returns, it survives a kill."""
         with writing(self.path), self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({**run.to_json(), "filmed": filmed}) + "\n")
             file.flush()
@@ -76,3 +83,12 @@ class Journal:
     def remove(self) -> None:
         """Delete the file."""
         self.path.unlink(missing_ok=True)
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The entries of nested mappings under dotted names."""
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, save_figure, styled
-from ocplanner.report.results import TransferGroup, group_results, read_results
+from ocplanner.report.results import TransferGroup, group_results
+from ocplanner.zero_shot.result import read_results
 
 _SHADES = LinearSegmentedColormap.from_list("rates", ["#ffffff", SERIES[0]])
 _LIGHT_TEXT = 0.6
@@ -22,7 +23,7 @@ class HeatMap:
     Attributes:
         rows: tasks, with how they were run where that differs.
         robots: one a column.
-        cells: (row, robot) -> its results; a cell that was not run is absent.
+        cells: (row, robot) -> results of the cell; a cell that was not run is absent.
     """
 
     rows: tuple[str, ...]
@@ -36,13 +37,16 @@ class HeatMap:
 
 
 def heat_map(groups: Sequence[TransferGroup]) -> HeatMap:
-    """Arrange groups, rows and columns in the order in which they first appear."""
+    """Arrange groups by task and robot, in the order in which they first appear.
+
+    Rows name the conditions where these differ, so that no two groups share a cell.
+    """
     several = len({group.records[0].setting for group in groups}) > 1
     cells: dict[tuple[str, str], TransferGroup] = {}
     for group in groups:
         record = group.records[0]
         row = f"{record.task} ({record.setting})" if several else record.task
-        cells.setdefault((row, record.robot), group)
+        cells[row, record.robot] = group
     rows, robots = (tuple(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     return HeatMap(rows, robots, cells)
 

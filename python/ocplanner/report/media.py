@@ -12,7 +12,8 @@ from PIL import Image
 
 from ocplanner.drawing.video import read_video
 from ocplanner.errors import ResultFileError
-from ocplanner.report.results import EpisodeRecord, TransferRecord
+from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.zero_shot.result import TransferResult
 
 _TYPES = {".mp4": "video/mp4", ".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -38,11 +39,11 @@ class EmbeddedVideo:
     strip: tuple[str, ...]
     width: int
     height: int
-    record: TransferRecord | None
-    episode: EpisodeRecord | None
+    record: TransferResult | None
+    episode: EpisodeResult | None
 
 
-def embed_video(path: Path, records: Sequence[TransferRecord], *, strip: int = 8) -> EmbeddedVideo:
+def embed_video(path: Path, records: Sequence[TransferResult], *, strip: int = 8) -> EmbeddedVideo:
     """Read, check and embed one mp4, and find the episode that it shows.
 
     Raises:
@@ -63,7 +64,7 @@ def embed_video(path: Path, records: Sequence[TransferRecord], *, strip: int = 8
     )
 
 
-def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[TransferRecord | None, EpisodeRecord | None]:
+def match_episode(path: Path, records: Sequence[TransferResult]) -> tuple[TransferResult | None, EpisodeResult | None]:
     """The episode that a video shows: its seed is a number in the file's name.
 
     A result ``a/b.json`` has its videos in ``a/b/``. Elsewhere the result nearest to the file is taken, of several one
@@ -82,7 +83,7 @@ def match_episode(path: Path, records: Sequence[TransferRecord]) -> tuple[Transf
     return record, next(episode for seed in reversed(seeds) if (episode := record.episode(seed)))
 
 
-def _distance(path: Path, record: TransferRecord) -> int:
+def _distance(path: Path, record: TransferResult) -> int:
     result = record.path.resolve()
     if path.resolve().parent == result.with_suffix(""):
         return -1

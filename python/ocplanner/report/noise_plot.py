@@ -1,7 +1,9 @@
 """Success against the error of the object's pose."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,40 +11,42 @@ from matplotlib.ticker import PercentFormatter
 
 from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
 from ocplanner.errors import ResultFileError
-from ocplanner.report.results import TransferRecord, read_results
+from ocplanner.zero_shot.result import TransferResult, read_results
 
 _APART = 0.12
 """Between lines at the same position noise, millimetres, so that their intervals do not cover each other."""
 
 
-def noise_series(records: Iterable[TransferRecord]) -> list[list[TransferRecord]]:
+def noise_series(records: Iterable[TransferResult]) -> list[list[TransferResult]]:
     """Transfers that differ only in the noise of the pose and in its filter; lists with one noise are left out."""
-    series: dict[tuple[str, ...], list[TransferRecord]] = {}
+    series: dict[tuple[Any, ...], list[TransferResult]] = {}
     for record in records:
-        error = record.pose_error
-        key = (record.task, record.robot, record.exact_setting, record.planner_sha256, str(error.latency_steps))
+        key = (*_without_noise(record).conditions, record.planner_sha256)
         series.setdefault(key, []).append(record)
-    ordered = (sorted(members, key=lambda record: record.pose_error.position_mm) for members in series.values())
-    return [members for members in ordered if len({record.pose_error for record in members}) > 1]
+    ordered = (sorted(members, key=lambda record: record.settings.pose_noise) for members in series.values())
+    return [members for members in ordered if len({record.settings.pose_noise for record in members}) > 1]
 
 
-def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
+def _without_noise(record: TransferResult) -> TransferResult:
+    return replace(record, settings=replace(record.settings, pose_noise=(0.0, 0.0), pose_filter=1))
+
+
+def success_against_noise(records: Sequence[TransferResult]) -> Figure:
     """Success rate against position noise with 95 % Wilson intervals, a line for each rotation noise and filter.
 
     Args:
         records: one of :func:`noise_series`.
     """
-    first = records[0]
-    lines: dict[tuple[int, float], list[TransferRecord]] = {}
+    lines: dict[tuple[int, float], list[TransferResult]] = {}
     for record in records:
-        lines.setdefault((-record.pose_filter, record.pose_error.rotation_deg), []).append(record)
+        lines.setdefault((-record.settings.pose_filter, record.settings.pose_noise[1]), []).append(record)
     with styled():
         figure = new_figure(5.2, 3.4)
         axes = figure.subplots()
         for i, ((filtered, angle), line) in enumerate(sorted(lines.items())):
             rates = np.array([record.rate for record in line])
             margins = abs(np.array([record.interval for record in line]).T - rates)
-            millimetres = [record.pose_error.position_mm + _APART * (i - (len(lines) - 1) / 2) for record in line]
+            millimetres = [record.settings.pose_noise[0] + _APART * (i - (len(lines) - 1) / 2) for record in line]
             axes.errorbar(
                 millimetres,
                 rates,
@@ -54,9 +58,8 @@ def success_against_noise(records: Sequence[TransferRecord]) -> Figure:
                 linestyle="-" if filtered < -1 else "--",
                 label=f"rotation noise {angle:g}°, " + (f"mean of {-filtered} steps" if filtered < -1 else "as read"),
             )
-        late = first.pose_error.latency_steps
         axes.set(
-            title=f"{first.task} on {first.robot} ({first.exact_setting}{f', {late} steps late' if late else ''})",
+            title=_without_noise(records[0]).title,
             xlabel="position noise, mm (standard deviation along each axis)",
             ylabel="success rate",
             ylim=(-0.02, 1.02),

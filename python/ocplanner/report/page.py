@@ -18,9 +18,10 @@ from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
 from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.plots import ERRORS, LOSSES, curve_panel
 from ocplanner.report.policy_section import policy_section
-from ocplanner.report.results import TransferGroup, TransferRecord, failure_classes, group_results
+from ocplanner.report.results import TransferGroup, failure_classes, group_results
 from ocplanner.report.runs import TrainingRun, run_labels
 from ocplanner.report.sources import Sources, find_sources
+from ocplanner.zero_shot.result import TransferResult
 
 FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
@@ -103,7 +104,7 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
         cell_text=cell_text,
         noise_panels=_noise_panels(sources.records),
         classes=failure_classes(groups),
-        most_failures=max((max(group.failures().values(), default=0) for group in groups), default=0),
+        most_failures=max((max(group.failures.values(), default=0) for group in groups), default=0),
         records=sources.records,
         videos=shown,
         videos_left_out=len(videos) - len(shown),
@@ -121,7 +122,7 @@ def render_page(sources: Sources, *, title: str | None = None, most_videos: int 
     )
 
 
-def _results(sources: Sources) -> list[TransferRecord | PolicyResult]:
+def _results(sources: Sources) -> list[TransferResult | PolicyResult]:
     return [*sources.records, *(record.result for record in sources.evaluations)]
 
 
@@ -130,9 +131,9 @@ def _rank(group: TransferGroup) -> tuple[Any, ...]:
     first = group.records[0]
     follow, observe = ("gated", "time", "open-loop"), ("masked", "no-robot", "full")
     return (
-        follow.index(first.follow) if first.follow in follow else len(follow),
+        follow.index(first.settings.control.follow),
         observe.index(first.observe) if first.observe in observe else len(observe),
-        first.mask_error,
+        first.settings.mask_error,
     )
 
 
@@ -201,7 +202,7 @@ def _panels(runs: Sequence[TrainingRun]) -> list[Markup]:
     ]
 
 
-def _noise_panels(records: Sequence[TransferRecord]) -> list[Markup]:
+def _noise_panels(records: Sequence[TransferResult]) -> list[Markup]:
     return [
         Markup(page_svg(success_against_noise(series), f"noise{i}"))  # noqa: S704 drawn and escaped by matplotlib
         for i, series in enumerate(noise_series(records))

@@ -141,7 +141,7 @@ def _row_height(group: TransferGroup) -> float:
 def failure_matrix(groups: Sequence[TransferGroup]) -> Figure:
     """How many episodes failed in each class, one row a group."""
     classes = failure_classes(groups)
-    counts = np.array([[group.failures()[name] for name in classes] for group in groups])
+    counts = np.array([[group.failures[name] for name in classes] for group in groups])
     shades = LinearSegmentedColormap.from_list("failures", ["#ffffff", SERIES[1]])
     with styled():
         figure = new_figure(7.4, 1.0 + 0.32 * len(groups))

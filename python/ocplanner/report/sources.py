@@ -11,11 +11,12 @@ from safetensors import SafetensorError, safe_open
 
 from ocplanner.errors import ResultFileError
 from ocplanner.files.records.metrics import METRICS
+from ocplanner.files.records.transfer import is_matrix, is_transfer
 from ocplanner.files.storage import natural_key
 from ocplanner.policies.config import POLICY_FILE
 from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_evaluation
-from ocplanner.report.results import TransferRecord, is_result, read_results
 from ocplanner.report.runs import TrainingRun, read_run
+from ocplanner.zero_shot.result import TransferResult, read_results
 
 PICTURES = (".png", ".svg")
 WEIGHTS = ".safetensors"
@@ -29,7 +30,7 @@ class Sources:
     """What was found, each in the order of the paths given, then by name."""
 
     runs: tuple[TrainingRun, ...]
-    records: tuple[TransferRecord, ...]
+    records: tuple[TransferResult, ...]
     videos: tuple[Path, ...]
     figures: tuple[Path, ...]
     planners: tuple[Path, ...]
@@ -88,11 +89,11 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
     return sources
 
 
-def _distinct(records: Iterable[TransferRecord]) -> tuple[TransferRecord, ...]:
+def _distinct(records: Iterable[TransferResult]) -> tuple[TransferResult, ...]:
     """Records without repetitions: a matrix and its cells' own files hold the same."""
     found = {}
     for record in records:
-        found.setdefault((record.title, record.patches, record.planner_sha256, record.runs), record)
+        found.setdefault((record.conditions, record.planner_sha256, record.runs), record)
     return tuple(found.values())
 
 
@@ -148,6 +149,4 @@ def _content(file: Path) -> Any:
 
 def _holds_results(file: Path) -> bool:
     content = _content(file)
-    cells = content.get("cells") if isinstance(content, dict) else None
-    matrix = isinstance(cells, list) and bool(cells) and all(is_result(cell) for cell in cells)
-    return is_result(content) or is_evaluation(content) or matrix
+    return is_transfer(content) or is_matrix(content) or is_evaluation(content)

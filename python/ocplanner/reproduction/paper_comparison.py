@@ -1,15 +1,14 @@
 """Every success rate that the paper states, beside what was measured here."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ocplanner.errors import ResultFileError
 from ocplanner.reproduction.experiments import TransferExperiment
 from ocplanner.reproduction.policy_experiments import VARIANTS
 from ocplanner.reproduction.policy_tables import TABLES, PolicyTable
 from ocplanner.rollouts.intervals import wilson
+from ocplanner.zero_shot.result import read_result
 
 _HEAD = ("in the paper", "what", "paper %", "here %", "95 % interval", "training seeds", "remade by")
 _FOLLOWED = {
@@ -40,24 +39,14 @@ def comparison_table(results: Path) -> str:
 
 def _zero_shot_rows(results: Path) -> Iterator[Sequence[str]]:
     for follow, (called, said) in _FOLLOWED.items():
-        found = list(_transfers(results, follow))
+        names = [TransferExperiment("Sawyer", follow=follow, seed=seed).name for seed in _SEEDS]
+        found = [read_result(path) for path in (results / f"{name}.json" for name in names) if path.exists()]
         here, interval, seeds = _NOT_MEASURED, "", ""
         if found:
-            successes, episodes = (sum(result[key] for result in found) for key in ("successes", "episodes"))
+            successes, episodes = sum(one.successes for one in found), sum(one.episodes for one in found)
             here, interval = f"{100 * successes / episodes:.1f}", _percent(wilson(successes, episodes))
             seeds = str(len(found))
         yield "Section 4, Figure 8", f"Sawyer, {called}", said, here, interval, seeds, "`reproduce zero-shot`"
-
-
-def _transfers(results: Path, follow: str) -> Iterator[Mapping[str, Any]]:
-    for seed in _SEEDS:
-        path = results / f"{TransferExperiment('Sawyer', follow=follow, seed=seed).name}.json"
-        if path.exists():
-            try:
-                content = json.loads(path.read_text(encoding="utf-8"))
-                yield {key: int(content[key]) for key in ("successes", "episodes")}
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                raise ResultFileError(f"cannot read {path}: {error!r}; run its transfer again") from error
 
 
 def _policy_rows(table: PolicyTable, measured: Iterable[Mapping[str, Any]]) -> Iterator[Sequence[str]]:

@@ -16,10 +16,10 @@ from ocplanner.planner.planner import FILE_NAME, Planner
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.planner_figures import planner_figures
 from ocplanner.report.plots import loss_curves
-from ocplanner.report.results import TransferRecord, read_results
 from ocplanner.report.runs import read_run
 from ocplanner.reproduction import reproduction
 from ocplanner.reproduction.experiments import PlannerExperiment
+from ocplanner.zero_shot.result import TransferResult, read_result
 
 HORIZONS = (5, 20, 50)
 _SHOWN = 10
@@ -83,14 +83,14 @@ class FigureWork:
             reproduction.run_command(command, self.work / "logs" / "render_held_out.log")
         return images
 
-    def episode(self, planner: Path) -> tuple[Path, TransferRecord]:
+    def episode(self, planner: Path) -> tuple[Path, TransferResult]:
         """The video and the result of one zero-shot episode."""
         out = self.work / f"figure_8_{self.preset}_{self.seed}.json"
         if not out.exists():
             flags = ["--robot", _ROBOT, "--episodes", "1", "--seed-start", str(_EPISODE), "--videos", "1"]
             command = ["transfer", "--planner", str(planner), *flags, "--out", str(out)]
             reproduction.run_command(command, self.work / "logs" / f"{out.stem}.log")
-        return out.with_suffix("") / f"episode_{_EPISODE}.mp4", read_results(out)[0]
+        return out.with_suffix("") / f"episode_{_EPISODE}.mp4", read_result(out)
 
     def _experiment(self, horizon: int) -> PlannerExperiment:
         return PlannerExperiment(horizon=horizon, seed=self.seed)
@@ -132,7 +132,7 @@ def _zero_shot(work: FigureWork) -> Figure:
         list(read_video(video)),
         count=12,
         columns=6,
-        title=f"Zero-shot on {result.robot}, follow = {result.follow}: {outcome}",
+        title=f"Zero-shot on {result.robot}, follow = {result.settings.control.follow}: {outcome}",
     )
 
 

@@ -1,7 +1,9 @@
-"""Running the experiments: each step is an ``ocplanner`` command of its own, so that every number can also be remade by
-hand; what is there already is not done again.
+"""Running the experiments: each step is an ``ocplanner`` command, so that every number can also be remade by hand.
+
+A step whose file is there is not run again.
 """
 
+import hashlib
 import shutil
 import subprocess
 import sys
@@ -13,6 +15,10 @@ from ocplanner.errors import OutputError
 from ocplanner.files.storage import atomic_write
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.reproduction.experiments import PlannerExperiment, TransferExperiment
+from ocplanner.zero_shot.result import read_result
+
+FIRST_SEED = 10000
+"""Of evaluation; the other seeds follow."""
 
 
 def run_command(arguments: list[str], log: Path) -> None:
@@ -66,29 +72,46 @@ def publish(experiment: PlannerExperiment, work: Path, results: Path) -> None:
 
 
 def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes: int, workers: int) -> str:
-    """Run one planner on one arm, unless its result file is there."""
-    out = results / f"{experiment.name}.json"
-    if not out.exists():
-        planner = experiment.planner.file(results)
-        flags = ["--robot", experiment.robot, "--follow", experiment.follow, "--observe", experiment.observe]
-        flags += ["--episodes", str(episodes), "--seed-start", "10000", "--workers", str(workers)]
-        if experiment.mask_error:
-            flags += ["--mask-error", str(experiment.mask_error)]
-        if experiment.pose_noise is not None:
-            flags += ["--pose-noise", "{},{}".format(*experiment.pose_noise)]
-            flags += ["--pose-filter", str(experiment.pose_filter)]
-        run_command(
-            ["transfer", "--planner", str(planner), *flags, "--out", str(out)], work / "logs" / f"{experiment.name}.log"
-        )
+    """Run one planner on one arm, unless its result file is there.
+
+    Raises:
+        ResultFileError: the result file is damaged.
+        OutputError: it holds other episodes or those of another planner, or the transfer failed.
+    """
+    out, planner = results / f"{experiment.name}.json", experiment.planner.file(results)
+    if out.exists():
+        _check_kept(out, planner, episodes)
+        return experiment.name
+    flags = ["--robot", experiment.robot, "--follow", experiment.follow]
+    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_SEED), "--workers", str(workers)]
+    if experiment.mask_error:
+        flags += ["--mask-error", str(experiment.mask_error)]
+    if experiment.pose_noise is not None:
+        flags += ["--pose-noise", *map(str, experiment.pose_noise), "--pose-filter", str(experiment.pose_filter)]
+    log = work / "logs" / f"{experiment.name}.log"
+    run_command(["transfer", "--planner", str(planner), *flags, "--out", str(out)], log)
     return experiment.name
+
+
+def _check_kept(out: Path, planner: Path, episodes: int) -> None:
+    found = read_result(out)
+    if [run.seed for run in found.runs] != list(range(FIRST_SEED, FIRST_SEED + episodes)):
+        raise OutputError(
+            f"{out} holds {found.episodes} episodes from seed {found.runs[0].seed} on, not {episodes} from "
+            f"{FIRST_SEED} on; give the --episodes that made it, choose other --results, or delete it"
+        )
+    if planner.exists() and hashlib.sha256(planner.read_bytes()).hexdigest() != found.planner_sha256:
+        raise OutputError(
+            f"{out} is of another planner than {planner}; delete it to run this one, or choose other --results"
+        )
 
 
 def transfer_matrix(seed: int, work: Path, results: Path, episodes: int, workers: int) -> Path:
     """Run every task on every arm with the planners of a training seed, as far as it has not been done."""
     out = results / "matrix.json"
     flags = ["--planners", str(results / "planners"), "--planner-seed", str(seed), "--workers", str(workers)]
-    flags += ["--episodes", str(episodes), "--seed-start", "10000", "--out", str(out)]
-    run_command(["transfer", "--matrix", *flags], work / "logs" / "matrix.log")
+    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_SEED), "--out", str(out)]
+    run_command(["matrix", *flags], work / "logs" / "matrix.log")
     return out
 
 

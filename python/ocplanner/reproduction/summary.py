@@ -2,14 +2,17 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ocplanner.errors import ResultFileError
+from ocplanner.report.heat_map import HeatMap, cell_text, heat_map
+from ocplanner.report.results import group_results
 from ocplanner.reproduction import encoders, held_out
 from ocplanner.reproduction.policy_experiments import VARIANTS
 from ocplanner.reproduction.policy_tables import PolicyTable
+from ocplanner.zero_shot.result import TransferResult, read_result, read_results
 
 NOTHING = "Not measured yet."
 
@@ -22,7 +25,9 @@ def transfer_table(folder: Path) -> str:
     Raises:
         ResultFileError: a file is damaged.
     """
-    cells = _cells(_read(folder), lambda result: (result["follow"], result["observe"]), lambda result: result["robot"])
+    cells = _cells(
+        _read(folder), lambda result: (result.settings.control.follow, result.observe), lambda result: result.robot
+    )
     robots = sorted({robot for row in cells.values() for robot in row})
     return _table(("follow", "observe"), robots, {key: cells[key] for key in sorted(cells)})
 
@@ -38,17 +43,17 @@ def mask_error_table(folder: Path, perfect: Path) -> str:
         ResultFileError: a file is damaged.
     """
 
-    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
-        return result["robot"], result["follow"]
+    def setting(result: TransferResult) -> tuple[str, str]:
+        return result.robot, result.settings.control.follow
 
     off = _read(folder)
-    tried = {(*setting(result), result["planner_seed"]) for result in off}
+    tried = {(*setting(result), result.planner_seed) for result in off}
     exact = [
         result
         for result in _read(perfect)
-        if result["observe"] == "masked" and (*setting(result), result["planner_seed"]) in tried
+        if result.observe == "masked" and (*setting(result), result.planner_seed) in tried
     ]
-    cells = _cells([*exact, *off], setting, lambda result: int(result["mask_error"]))
+    cells = _cells([*exact, *off], setting, lambda result: result.settings.mask_error)
     pixels = sorted({number for row in cells.values() for number in row})
     texts = {key: {f"{number} px": entry for number, entry in cells[key].items()} for key in sorted(cells)}
     return _table(("robot", "follow"), [f"{number} px" for number in pixels], texts)
@@ -60,13 +65,11 @@ def matrix_table(path: Path) -> str:
     Raises:
         ResultFileError: the file is damaged.
     """
-    cells: dict[tuple[str, ...], dict[str, str]] = defaultdict(dict)
-    for cell in _load(path)["cells"] if path.exists() else []:
-        low, high = (100 * bound for bound in cell["interval"])
-        text = f"{cell['successes']}/{cell['episodes']} ({low:.0f}-{high:.0f} %)"
-        cells[(cell["task"],)][cell["robot"]] = text
-    robots = list(dict.fromkeys(robot for row in cells.values() for robot in row))
-    return _table(("task",), robots, cells)
+    table = _matrix(path)
+    cells: dict[tuple[str, ...], dict[str, str]] = {(row,): {} for row in table.rows}
+    for (row, robot), group in table.cells.items():
+        cells[(row,)][robot] = "{} ({})".format(*cell_text(group))
+    return _table(("task",), table.robots, cells)
 
 
 def failure_table(path: Path) -> str:
@@ -75,12 +78,14 @@ def failure_table(path: Path) -> str:
     Raises:
         ResultFileError: the file is damaged.
     """
-    cells = [cell for cell in (_load(path)["cells"] if path.exists() else []) if cell["failures"]]
-    classes = sorted({name for cell in cells for name in cell["failures"]})
-    rows = {
-        (cell["task"], cell["robot"]): {name: str(count) for name, count in cell["failures"].items()} for cell in cells
-    }
+    failures = {cell: group.failures for cell, group in _matrix(path).cells.items() if group.failures}
+    classes = sorted({name for counts in failures.values() for name in counts})
+    rows = {cell: {name: str(count) for name, count in counts.items()} for cell, counts in failures.items()}
     return _table(("task", "robot"), classes, rows)
+
+
+def _matrix(path: Path) -> HeatMap:
+    return heat_map(group_results(read_results(path) if path.exists() else ()))
 
 
 def pose_noise_table(folder: Path) -> str:
@@ -90,13 +95,13 @@ def pose_noise_table(folder: Path) -> str:
         ResultFileError: a file is damaged.
     """
 
-    def setting(result: Mapping[str, Any]) -> tuple[str, str]:
-        steps = result["pose_filter"]
-        return f"{steps} steps" if steps > 1 else "none", f"{result['pose_error']['rotation_deg']:g}°"
+    def setting(result: TransferResult) -> tuple[str, str]:
+        steps, (_, degrees) = result.settings.pose_filter, result.settings.pose_noise
+        return f"{steps} steps" if steps > 1 else "none", f"{degrees:g}°"
 
     results = _read(folder)
-    cells = _cells(results, setting, lambda result: f"{result['pose_error']['position_mm']:g} mm")
-    sizes = sorted({result["pose_error"]["position_mm"] for result in results})
+    cells = _cells(results, setting, lambda result: f"{result.settings.pose_noise[0]:g} mm")
+    sizes = sorted({result.settings.pose_noise[0] for result in results})
     return _table(("averaged over", "rotation noise"), [f"{size:g} mm" for size in sizes], dict(sorted(cells.items())))
 
 
@@ -194,43 +199,28 @@ def _errors(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ResultFileError(f"cannot read {path}: {error}; run its command again") from error
+def _read(folder: Path) -> list[TransferResult]:
+    return [read_result(path) for path in sorted(folder.glob("*.json"))]
 
 
-def _read(folder: Path) -> list[dict[str, Any]]:
-    results = []
-    for path in sorted(folder.glob("*.json")):
-        try:
-            result = json.loads(path.read_text(encoding="utf-8"))
-            missing = {"robot", "follow", "observe", "planner_seed", "mask_error", "successes", "episodes"} - set(
-                result
-            )
-        except (OSError, ValueError, TypeError) as error:
-            raise ResultFileError(f"cannot read {path}: {error}; run its transfer again") from error
-        if missing:
-            raise ResultFileError(f"{path} is no transfer result: it lacks {', '.join(sorted(missing))}")
-        results.append(result)
-    return results
-
-
-def _cells(results: Iterable[Mapping[str, Any]], row: Any, column: Any) -> dict[tuple[str, ...], dict[Any, str]]:
+def _cells(
+    results: Iterable[TransferResult],
+    row: Callable[[TransferResult], tuple[str, ...]],
+    column: Callable[[TransferResult], Hashable],
+) -> dict[tuple[str, ...], dict[Any, str]]:
     """Row -> column -> the text of all training seeds."""
-    entries: dict[tuple[str, ...], dict[Hashable, list[tuple[int, int, int]]]] = defaultdict(lambda: defaultdict(list))
+    entries: dict[tuple[str, ...], dict[Hashable, list[TransferResult]]] = defaultdict(lambda: defaultdict(list))
     for result in results:
-        entry = (result["planner_seed"], result["successes"], result["episodes"])
-        entries[row(result)][column(result)].append(entry)
-    return {key: {name: _cell(sorted(found)) for name, found in line.items()} for key, line in entries.items()}
+        entries[row(result)][column(result)].append(result)
+    return {key: {name: _cell(found) for name, found in line.items()} for key, line in entries.items()}
 
 
-def _cell(entries: Sequence[tuple[int, int, int]]) -> str:
-    counts = ", ".join(f"{successes}/{episodes}" for _, successes, episodes in entries)
-    if len(entries) == 1:
+def _cell(results: Iterable[TransferResult]) -> str:
+    by_seed = sorted(results, key=lambda result: -1 if result.planner_seed is None else result.planner_seed)
+    counts = ", ".join(f"{result.successes}/{result.episodes}" for result in by_seed)
+    if len(by_seed) == 1:
         return counts
-    mean = sum(successes / episodes for _, successes, episodes in entries) / len(entries)
+    mean = sum(result.rate for result in by_seed) / len(by_seed)
     return f"**{100 * mean:.1f} %** ({counts})"
 
 

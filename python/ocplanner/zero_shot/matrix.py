@@ -1,46 +1,51 @@
 """Every task on every arm: one transfer a cell."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ocplanner.envs.robots import ROBOTS
-from ocplanner.errors import InvalidValueError, ModelFileError
+from ocplanner.errors import InvalidValueError, ModelFileError, OutputError, WorkerError
 from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.files.storage import atomic_json, locked
+from ocplanner.files.storage import check_free, locked
 from ocplanner.planner.planner import Planner
-from ocplanner.zero_shot.loop import describe, run_transfer, running_command, seeds_of
-from ocplanner.zero_shot.result import TransferResult
-from ocplanner.zero_shot.scenario import make_scenario
+from ocplanner.rollouts.episodes import run_episodes
+from ocplanner.rollouts.settings import WorkerSettings
+from ocplanner.versions import running_command
+from ocplanner.zero_shot.result import Matrix, TransferResult, read_result, read_results
+from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 from ocplanner.zero_shot.task_planners import TaskPlanners
+from ocplanner.zero_shot.transfer import journal_of, play, seeds_of
 
 SUFFIX = ".safetensors"
 
 
+def _ignore(_: object) -> None:
+    """Nobody listens."""
+
+
 @dataclass(frozen=True)
-class Matrix:
-    """Transfers of one planner a task, or one an object of it, to several robots.
+class MatrixProgress:
+    """What is called while a matrix is run.
 
     Attributes:
-        command: remakes it.
-        cells: task by task, robot by robot, as far as they have been run.
+        begin: with each cell, without episodes yet, before it is run or read.
+        episode: with each episode that is run, or was by a run that was stopped.
+        done: with each cell that is done, when the matrix's file holds it.
     """
 
-    command: str
-    cells: tuple[TransferResult, ...]
-
-    def save(self, path: Path) -> Path:
-        """Write the file, whole or not at all."""
-        atomic_json(path, {"command": self.command, "cells": [cell.to_json() for cell in self.cells]})
-        return path
+    begin: Callable[[TransferResult], None] = _ignore
+    episode: Callable[[EpisodeResult], None] = _ignore
+    done: Callable[[TransferResult], None] = _ignore
 
 
 def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[TaskPlanners]:
     """The planners of a matrix, by task.
 
     Args:
-        paths: planner files, and folders of which those of one training seed are taken.
+        paths: planner files, and folders, of which the files of one training seed are taken.
         seed: that training seed.
 
     Raises:
@@ -53,7 +58,7 @@ def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[TaskPlanne
     for path in paths:
         if path.is_dir():
             found = map(Planner.load, sorted(path.glob(f"*{SUFFIX}")))
-            planners += [planner for planner in found if planner.config.get("seed") in (seed, None)]
+            planners += [planner for planner in found if planner.header.seed in (seed, None)]
         else:
             planners.append(Planner.load(path))
     if not planners:
@@ -63,11 +68,11 @@ def find_planners(paths: Iterable[str | Path], seed: int = 0) -> list[TaskPlanne
         )
     by_task: dict[str, dict[str, Planner]] = {}
     for planner in planners:
-        by_object = by_task.setdefault(str(planner.config["task"]), {})
-        other = by_object.setdefault(str(planner.config["object"]), planner)
+        by_object = by_task.setdefault(planner.header.task, {})
+        other = by_object.setdefault(planner.header.object, planner)
         if other is not planner:
             raise InvalidValueError(
-                f"{other.path} and {planner.path} both plan for {planner.config['task']}, but a matrix has one planner "
+                f"{other.path} and {planner.path} both plan for {planner.header.task}, but a matrix has one planner "
                 "a task, or one an object of it; name the files"
             )
     return [TaskPlanners(list(by_task[task].values())) for task in sorted(by_task)]
@@ -78,73 +83,118 @@ def transfer_matrix(
     robots: Sequence[str] = tuple(ROBOTS),
     *,
     out: str | Path,
-    episodes: int = 50,
-    seed_start: int = 10000,
-    workers: int = 1,
-    ray: str | None = None,
+    episodes: int | Sequence[int] = 50,
+    config: TransferConfig | None = None,
+    workers: WorkerSettings | None = None,
     overwrite: bool = False,
     videos: int = 0,
-    command: str | None = None,
-    on_start: Callable[[TransferResult], None] | None = None,
-    on_episode: Callable[[EpisodeResult], None] | None = None,
-    on_cell: Callable[[TransferResult], None] | None = None,
-    **conditions: Any,
+    progress: MatrixProgress | None = None,
 ) -> Matrix:
     """Try every planner on every robot, one cell after another, its episodes side by side.
 
-    Each cell is a result file in the folder called as ``out`` without its ending; ``out`` holds the cells done so far
-    and is rewritten after each. A cell whose file is there is not run again, so that a matrix that was stopped goes on
-    where it was.
+    Each cell is a result file in the folder called as ``out`` without its ending. ``out`` gathers them and is rewritten
+    after each cell; cells of other tasks, robots and conditions that it holds already stay. A cell whose file is there
+    is not run again, so that a matrix that was stopped goes on where it was.
 
     Args:
         planners: one a task; see :func:`find_planners`.
         robots: names of the arms.
         out: the matrix's file.
-        episodes: of each cell.
-        seed_start: seed of the first episode; the others follow.
-        workers: processes.
-        ray: address of a Ray cluster for the workers.
-        overwrite: replace cells whose file holds other episodes, or those of another planner or other conditions.
-        videos: record so many successes and so many failures of each cell.
-        command: what remakes the matrix; the running command if not given.
-        on_start: called with each cell before its episodes.
-        on_episode: called with each episode that is run.
-        on_cell: called with each cell that is done, when ``out`` holds it.
-        **conditions: the same for all cells, as :func:`ocplanner.zero_shot.scenario.make_scenario` takes them.
+        episodes: of each cell: how many, from seed 10000 on; or the seed of each.
+        config: the conditions of all cells.
+        workers: where episodes run.
+        overwrite: replace cells that hold other episodes, or those of another planner.
+        videos: record so many successes and so many failures of each cell, the first of each: they are run again.
+        progress: told how far it is.
+
+    Returns:
+        The content of ``out``.
 
     Raises:
         UnknownNameError: no such robot.
-        OutputError: ``out`` cannot be written, or a cell's file holds another transfer.
-        OcplannerError: as :func:`ocplanner.zero_shot.loop.transfer` does.
+        ResultFileError: ``out`` is damaged.
+        OutputError: ``out`` cannot be written, or a cell holds another transfer.
+        WorkerError: an episode that was run again for its video ended otherwise.
+        OcplannerError: as :func:`ocplanner.zero_shot.transfer.transfer` does.
     """
-    out = Path(out)
-    seeds = seeds_of(episodes, seed_start)
-    scenarios = [
-        (make_scenario(planner, robot, **conditions), planner)
-        for planner in planners
-        for robot in dict.fromkeys(robots)
-    ]
-    matrix = Matrix(command or running_command(), ())
+    out, workers, progress = Path(out), workers or WorkerSettings(), progress or MatrixProgress()
+    seeds = seeds_of(episodes)
+    setups = [TransferSetup.of(planner, robot, config) for planner in planners for robot in dict.fromkeys(robots)]
     with locked(out):
-        for scenario, planner in scenarios:
-            cell = describe(scenario, planner)
-            if on_start is not None:
-                on_start(cell)
-            cell = run_transfer(
-                scenario,
-                planner,
-                seeds,
-                workers=workers,
-                ray=ray,
-                out=out.with_suffix("") / cell.file_name,
-                overwrite=overwrite,
-                keep=True,
-                examples=videos,
-                command=matrix.command,
-                on_episode=on_episode,
-            )
-            matrix = Matrix(matrix.command, (*matrix.cells, cell))
+        cells = {cell.file_name: cell for cell in (read_results(out) if out.exists() else ())}
+        matrix = Matrix(running_command(), tuple(cells.values()))
+        for setup in setups:
+            progress.begin(setup.result)
+            name = setup.result.file_name
+            cell = _Cell(setup, seeds, workers, out.with_suffix("") / name)
+            if name in cells and not cell.out.exists() and not overwrite:
+                _check_same(out, cells[name], setup, seeds)
+            cells[name] = cell.result(overwrite, videos, progress)
+            matrix = replace(matrix, cells=tuple(sorted(cells.values(), key=_place)))
             matrix.save(out)
-            if on_cell is not None:
-                on_cell(cell)
+            progress.done(cells[name])
     return matrix
+
+
+class _Cell:
+    """One transfer of a matrix and its file."""
+
+    def __init__(self, setup: TransferSetup, seeds: Sequence[int], workers: WorkerSettings, out: Path) -> None:
+        self.setup, self.seeds, self.workers, self.out = setup, seeds, workers, out
+
+    def result(self, overwrite: bool, videos: int, progress: MatrixProgress) -> TransferResult:
+        """What the file holds if it is this transfer; otherwise its episodes are run."""
+        with locked(self.out):
+            if self.out.is_file():
+                found = read_result(self.out)
+                if _is_same(found, self.setup, self.seeds):
+                    self._film(found, videos, again=False)
+                    return found
+                if not overwrite:
+                    _check_same(self.out, found, self.setup, self.seeds)
+            check_free(self.out, overwrite)
+            journal = journal_of(self.setup, self.out)
+            result = play(self.setup, self.seeds, self.workers, journal, progress.episode)
+            self._film(result, videos, again=True)
+            result.save(self.out)
+            journal.remove()
+        return result
+
+    def _film(self, result: TransferResult, videos: int, *, again: bool) -> None:
+        """Run the first successes and failures again to record them; ``again`` also those whose video is there."""
+        good = [run.seed for run in result.runs if run.success][:videos]
+        bad = [run.seed for run in result.runs if not run.success][:videos]
+        setup = self.setup.filming(self.out, (*good, *bad))
+        left = [seed for seed in setup.filmed if again or not _exists(setup.video(seed))]
+        for seed, run in run_episodes(partial(EpisodeRunner, setup), EpisodeRunner.play, left, self.workers):
+            if run != result.episode(seed):
+                raise WorkerError(
+                    f"the episode of seed {seed} of {result.task} on {result.robot} ended otherwise when it was run "
+                    f"again for its video ({run} after {result.episode(seed)}); delete its result, or leave --videos "
+                    "out"
+                )
+
+
+def _exists(path: Path | None) -> bool:
+    return path is not None and path.exists()
+
+
+def _is_same(found: TransferResult, setup: TransferSetup, seeds: Sequence[int]) -> bool:
+    """Whether a result is of this transfer and these episodes, of whatever versions."""
+    wanted = setup.result
+    same = (found.conditions, found.planner_sha256) == (wanted.conditions, wanted.planner_sha256)
+    return same and [run.seed for run in found.runs] == list(seeds)
+
+
+def _check_same(path: Path, found: TransferResult, setup: TransferSetup, seeds: Sequence[int]) -> None:
+    if not _is_same(found, setup, seeds):
+        raise OutputError(
+            f"{path} holds another transfer of {found.title} (other episodes, planner or settings); choose another "
+            "output, or allow overwriting (--overwrite; overwrite=True)"
+        )
+
+
+def _place(cell: TransferResult) -> tuple[str, int, str]:
+    """Task by task, the robots of each in the package's order."""
+    known = list(ROBOTS)
+    return cell.task, known.index(cell.robot) if cell.robot in known else len(known), cell.file_name

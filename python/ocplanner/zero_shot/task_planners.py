@@ -1,43 +1,46 @@
 """The planners of one task: one an object, in the task's order."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ocplanner.envs.tasks import Task
 from ocplanner.envs.tasks import task as task_spec
 from ocplanner.errors import MismatchError
+from ocplanner.files.records.planner import PlannerHeader
 from ocplanner.planner.planner import Planner
 
 _ALIKE = ("task", "observe", "visual", "image_size", "mask_rgb", "seed")
+"""What the planners of one task must agree on."""
 
 
 class TaskPlanners:
-    """What plans for each object of a task; for most tasks, one planner.
+    """A planner for each object of a task; for most tasks, one planner.
 
     Args:
-        planners: one an object that the task is about, in any order.
+        planners: one for each object that the task is about, in any order.
 
     Attributes:
         planners: in the task's order.
         task: the task.
-        config: of the first; all of them see the same pictures, but not necessarily of the same cameras.
-        cameras: those of all planners.
-        sha256: of the file; of several files those of each, joined by ``+``.
+        header: header of the first; all see the same images, but not necessarily of the same cameras.
+        cameras: cameras of all planners.
+        sha256: hash of the file; of several files, their hashes joined by ``+``.
 
     Raises:
-        MismatchError: an object has no planner or two, or they do not see or know the same.
+        MismatchError: there is no planner, an object has none or two, or they were trained on different images.
     """
 
     def __init__(self, planners: Sequence[Planner]) -> None:
+        if not planners:
+            raise MismatchError("no planner is given; name its file with --planner")
         first = planners[0]
-        self.task: Task = task_spec(str(first.config["task"]))
+        self.task: Task = task_spec(first.header.task)
         for other in planners[1:]:
             _check_alike(first, other)
         parts = [part for spec in self.task.objects for part in spec.parts]
         by_object: dict[str, Planner] = {}
         for planner in planners:
-            name = str(planner.config["object"])
+            name = planner.header.object
             if name not in parts:
                 raise MismatchError(
                     f"{planner.path} plans for the object {name!r}, which {self.task.name} does not have"
@@ -55,8 +58,8 @@ class TaskPlanners:
                 f"each trained with `ocplanner train-planner --object NAME`"
             )
         self.planners = tuple(by_object[part] for part in parts)
-        self.config: Mapping[str, Any] = self.planners[0].config
-        self.cameras = tuple(dict.fromkeys(name for planner in self.planners for name in planner.config["cameras"]))
+        self.header: PlannerHeader = self.planners[0].header
+        self.cameras = tuple(dict.fromkeys(name for planner in self.planners for name in planner.header.cameras))
         self.sha256 = "+".join(planner.sha256 for planner in self.planners)
 
     @classmethod
@@ -74,8 +77,8 @@ class TaskPlanners:
 
     @property
     def by_object(self) -> dict[str, Planner]:
-        """The planners by the object that they plan for, or the part that one arm has in carrying it."""
-        return {str(planner.config["object"]): planner for planner in self.planners}
+        """The planners by the object that they plan for, or by the part that one arm has in carrying it."""
+        return {planner.header.object: planner for planner in self.planners}
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -89,7 +92,7 @@ class TaskPlanners:
 
 def _check_alike(first: Planner, other: Planner) -> None:
     for key in _ALIKE:
-        a, b = first.config.get(key), other.config.get(key)
+        a, b = getattr(first.header, key), getattr(other.header, key)
         if a != b:
             raise MismatchError(
                 f"{first.path} and {other.path} cannot work together: {key} is {a} for the one and {b} for the other"

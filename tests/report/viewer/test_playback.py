@@ -1,17 +1,17 @@
+import contextlib
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from ocplanner.errors import UnknownNameError
-from ocplanner.planner.planner import Planner
 from ocplanner.report.viewer import record_playback
+from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 
 PLANNER = Path(__file__).parents[3] / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
 
 
 def test_an_episode_is_kept_step_by_step():
-    playback = record_playback(Planner.load(PLANNER), "Panda", 10000)
+    playback = record_playback(TransferSetup.of(PLANNER, "Panda"), 10000)
     steps = len(playback)
     assert steps > 50
     assert all(len(path) == steps for path in playback.positions.values())
@@ -22,9 +22,13 @@ def test_an_episode_is_kept_step_by_step():
     followed = [step for step, plan in enumerate(playback.planned) if plan is not None]
     assert playback.phases[followed[0]] not in ("grasp", "release")
     assert playback.planned[followed[0]].shape == (20, 3)
-    assert playback.title == "Square on Panda, gated, seed 10000"
+    assert playback.title == "Square on Panda (gated, masked), seed 10000"
 
 
-def test_an_unknown_robot_is_an_error():
-    with pytest.raises(UnknownNameError, match="Sawyer"):
-        record_playback(Planner.load(PLANNER), "Sawer", 10000)
+def test_the_episode_is_the_transfers_whatever_the_conditions():
+    config = TransferConfig(mask_error=3, pose_noise=(8.0, 4.0), pose_latency=2, pose_filter=4)
+    setup = TransferSetup.of(PLANNER, "Panda", config)
+    playback = record_playback(setup, 10003)
+    with contextlib.closing(EpisodeRunner(setup)) as runner:
+        run = runner.play(10003)
+    assert (playback.outcome, len(playback)) == ("success" if run.success else run.failure, run.steps)

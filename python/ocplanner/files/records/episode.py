@@ -6,26 +6,26 @@ from typing import Any
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """One episode's outcome.
+    """One episode's outcome; :func:`ocplanner.settings.build` reads it.
 
     Attributes:
-        seed: of the reset.
+        seed: seed of the reset.
         success: whether the task was solved.
         steps: control steps used.
         failure: class of a failure, or None.
-        released_by: ``"follower"`` if the object was let go of because of the plan; None otherwise.
-        failed_with: the object in play when a task with several objects failed, or None.
+        released_by: ``"follower"`` if the object was released because of the plan; None otherwise.
+        failed_with: the active object when a task with several objects failed, or None.
     """
 
     seed: int
     success: bool
     steps: int
-    failure: str | None
-    released_by: str | None
+    failure: str | None = None
+    released_by: str | None = None
     failed_with: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The content of a result file; ``failed_with`` only where it says something."""
+        """The row; ``failed_with`` only where it says something."""
         content = asdict(self)
         if self.failed_with is None:
             del content["failed_with"]

@@ -1,18 +1,15 @@
-"""An episode as a viewer needs it: what is seen, where it was at each step, what was planned and what was achieved."""
+"""An episode as a viewer needs it: bodies and their poses at each step, the plans in force, the object's path."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 
-from ocplanner.control.settings import ControlSettings
-from ocplanner.envs import make_env
-from ocplanner.planner.planner import Planner
 from ocplanner.report.viewer.bodies import body_meshes
-from ocplanner.zero_shot.episode import run_episode
-from ocplanner.zero_shot.task_planners import TaskPlanners
+from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 
-_UNPLANNED = ("grasp", "release", "recover", "go")  # phases in which no plan is followed
+_UNPLANNED = ("grasp", "release", "recover", "go")
+"""Phases in which no plan is followed."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +17,14 @@ class Playback:
     """T steps of an episode.
 
     Attributes:
-        title: task, robot, way of following and seed.
+        title: task, robot, conditions and seed.
         outcome: "success" or the failure class.
         meshes: body name -> mesh in the body's frame.
         positions: body name -> (T, 3), metres, world frame.
         quats_wxyz: body name -> (T, 4).
-        achieved: (T, 3) of the object.
+        achieved: (T, 3) position of the object, as the program read it.
         planned: for each step the plan in force, (H, 3), or None.
-        phases: for each step what the robot was doing.
+        phases: for each step the phase of the program.
     """
 
     title: str
@@ -44,41 +41,21 @@ class Playback:
         return len(self.phases)
 
 
-def record_playback(
-    planner: TaskPlanners | Planner,
-    robot: str,
-    seed: int,
-    *,
-    follow: str = "gated",
-    patches: tuple[str, ...] | None = None,
-) -> Playback:
-    """Run one zero-shot episode, the same that ``ocplanner transfer`` runs with this seed, and keep what was seen.
+def record_playback(setup: TransferSetup, seed: int) -> Playback:
+    """Run the episode that a transfer of this setup runs with this seed, and record every body's pose at each step.
 
     Raises:
-        UnknownNameError: no such robot, patch or way of following.
+        OcplannerError: the planner cannot be read, or there is no working headless OpenGL.
     """
-    planners = TaskPlanners.of(planner)
-    config = planners.config
-    settings = ControlSettings(follow=follow)
-    with make_env(
-        str(config["task"]),
-        robot,
-        cameras=planners.cameras,
-        image_size=int(config["image_size"]),
-        visual=str(config["visual"] or "fast"),
-        observe=str(config["observe"]),
-        patches=patches,
-    ) as env:
+    runner = EpisodeRunner(setup)
+    env = runner.env
+    try:
         meshes = body_meshes(env.model)
         bodies = {name: env.model.body(name).id for name in meshes}
         poses: list[tuple[np.ndarray, np.ndarray]] = []
-        episode = run_episode(
-            env,
-            planners.by_object,
-            seed,
-            settings,
-            on_step=lambda: poses.append((env.data.xpos.copy(), env.data.xquat.copy())),
-        )
+        episode = runner.run(seed, lambda: poses.append((env.data.xpos.copy(), env.data.xquat.copy())))
+    finally:
+        runner.close()
     trace = episode.trace
     plans, planned = dict(trace.plans), []
     current: np.ndarray | None = None
@@ -86,7 +63,7 @@ def record_playback(
         current = plans.get(step, current)
         planned.append(None if phase in _UNPLANNED else current)
     return Playback(
-        title=f"{config['task']} on {robot}, {follow}, seed {seed}",
+        title=f"{setup.result.title}, seed {seed}",
         outcome="success" if episode.success else str(episode.failure),
         meshes=meshes,
         positions={name: np.stack([position[body] for position, _ in poses]) for name, body in bodies.items()},
