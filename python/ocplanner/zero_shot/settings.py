@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 import tyro
 
 from ocplanner.control.noisy_pose import PoseError
-from ocplanner.control.settings import ControlSettings, Follow
+from ocplanner.control.settings import ControlSettings, FollowMode
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.settings import build, require, require_choice, to_dict
 
@@ -15,7 +15,7 @@ Visual = Literal["fast", "stock"]
 ControlLoop = Literal["native", "stock"]
 
 
-def _following(follow: Follow = "gated") -> ControlSettings:
+def _following(follow: FollowMode = "gated") -> ControlSettings:
     """The other numbers of the control law can be set from Python only.
 
     Args:
