@@ -1,7 +1,7 @@
-"""The command line: ``ocplanner VERB``, one module a verb.
+"""The command line: ``ocplanner VERB``, one module for each verb.
 
-A verb module holds a frozen dataclass whose fields are the flags, with a method ``run()``, bound to the name
-``COMMAND``.
+A verb's module binds the name ``COMMAND`` to a frozen dataclass whose fields are the flags and whose method ``run()``
+does the work.
 """
 
 import contextlib
@@ -11,6 +11,8 @@ import os
 import pkgutil
 import select
 import sys
+import traceback
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
@@ -23,40 +25,28 @@ def _commands() -> dict[str, Any]:
     return {name.replace("_", "-"): importlib.import_module(f"{__name__}.{name}").COMMAND for name in names}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run one verb; a user's error is one line on stderr and exit status 2."""
-    commands = _commands()
-    union: Any = None
-    for verb, command in commands.items():
-        member = Annotated[command, tyro.conf.subcommand(name=verb)]
-        union = member if union is None else union | member
-    try:
-        _parsed(union, arguments).run()
-        sys.stdout.flush()
-    except OcplannerError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted; run the same command again to resume\n")
-        return 130
-    except BrokenPipeError:
-        if not _output_is_closed():
-            raise
-        return 141
-    return 0
-
-
-def _parsed(union: Any, arguments: list[str] | None) -> Any:
-    """The verb that the arguments choose.
+def _parse(arguments: list[str] | None) -> Any:
+    """The command line as an object with the chosen ``command`` and ``debug``.
 
     Raises:
-        OcplannerError: a value is outside its domain; tyro would frame the message instead.
+        OcplannerError: a value is outside its domain; tyro would print it in a frame instead.
         SystemExit: the arguments cannot be parsed, or ask for help.
     """
-    framed = io.StringIO()
+    union: Any = None
+    for verb, command in _commands().items():
+        member = Annotated[command, tyro.conf.subcommand(name=verb)]
+        union = member if union is None else union | member
+
+    @dataclass(frozen=True)
+    class Ocplanner:
+        command: Annotated[union, tyro.conf.arg(name="")]
+        debug: tyro.conf.FlagCreatePairsOff[bool] = False
+        """Print the traceback of an error; must precede the verb."""
+
+    config, framed = (tyro.conf.OmitSubcommandPrefixes,), io.StringIO()
     try:
         with contextlib.redirect_stderr(framed):
-            return tyro.cli(union, prog="ocplanner", args=arguments, config=(tyro.conf.OmitSubcommandPrefixes,))
+            return tyro.cli(Ocplanner, prog="ocplanner", description="", args=arguments, config=config)
     except SystemExit as ended:
         error: BaseException | None = ended
         while error is not None and not isinstance(error, OcplannerError):
@@ -67,8 +57,40 @@ def _parsed(union: Any, arguments: list[str] | None) -> Any:
         raise
 
 
+def main(arguments: list[str] | None = None) -> int:
+    """Run one verb and return the exit status.
+
+    An error becomes one line on standard error. The status is 2 for a user's error, 1 for an unexpected exception.
+    """
+    debug = False
+    try:
+        parsed = _parse(arguments)
+        debug = parsed.debug
+        parsed.command.run()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; run the same command again to resume\n")
+        return 130
+    except Exception as error:
+        if isinstance(error, BrokenPipeError) and _output_is_closed():
+            return 141
+        return _report(error, debug=debug)
+    return 0
+
+
+def _report(error: Exception, *, debug: bool) -> int:
+    """Print an error and return the exit status."""
+    expected = isinstance(error, OcplannerError)
+    if debug:
+        traceback.print_exception(error)
+    sys.stderr.write(f"error: {error}\n" if expected else f"error: unexpected {type(error).__name__}: {error}\n")
+    if not debug and (not expected or hasattr(error, "__notes__")):
+        sys.stderr.write("run 'ocplanner --debug VERB ...' with the same arguments to see the traceback\n")
+    return 2 if expected else 1
+
+
 def _output_is_closed() -> bool:
-    """Whether nobody reads our output any more (``| head``); then the rest of it goes nowhere."""
+    """Whether nobody reads our output any more (``| head``); if so, the rest of it is discarded."""
     poll = select.poll()
     poll.register(sys.stdout, 0)
     closed = any(event & select.POLLERR for _, event in poll.poll(0))
