@@ -1,8 +1,7 @@
-"""The dependency pins that matter at run time, checked when the simulator is first imported.
+"""The versions of other packages: those that results record, and those without which the simulator does not work.
 
-robosuite 1.5.2 asserts inside ``get_joint_qpos_addr`` with mujoco 3.10 and later, and needs NumPy 1.x. From mujoco
-3.8 on the links of its Robotiq 85 gripper (UR5e, Kinova3) collide, so that it closes to 53 mm only. A newer version of
-either breaks late and obscurely, so the package refuses to start and says what to install.
+A wrong robosuite, mujoco or NumPy breaks late and obscurely. So they are checked when the simulator is first imported,
+against the requirements of the installed ocplanner, which come from ``pyproject.toml``; ``CONTRIBUTING.md`` says why.
 """
 
 import shlex
@@ -12,54 +11,46 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from ocplanner.errors import VersionError
 
-PINS = {
-    "robosuite": ((1, 5, 2), (1, 5, 3), "robosuite==1.5.2"),
-    "mujoco": ((3, 3), (3, 8), "mujoco>=3.3,<3.8"),
-    "numpy": ((1, 26), (2,), "numpy>=1.26,<2"),
-}
+PINNED = ("robosuite", "mujoco", "numpy")
+"""What :func:`check_pins` checks."""
 
 REPORTED = ("ocplanner", "robosuite", "mujoco", "numpy", "torch", "gymnasium", "h5py")
-
-
-def _release(version: str) -> tuple[int, ...]:
-    """The leading numeric parts of a version: ``"3.10.0rc1"`` -> ``(3, 10, 0)``."""
-    parts: list[int] = []
-    for piece in version.split("."):
-        digits = piece[: len(piece) - len(piece.lstrip("0123456789"))]
-        if not digits:
-            break
-        parts.append(int(digits))
-        if digits != piece:
-            break
-    return tuple(parts)
+"""What :func:`installed` reports."""
 
 
 def check_pins() -> None:
-    """Check every pin.
+    """Check the packages that the simulator depends on.
 
     Raises:
-        VersionError: a pinned package is missing or outside its range; the message holds the ``pip`` line to run.
+        VersionError: as :func:`check_pin`.
     """
-    for package, (lowest, above, requirement) in PINS.items():
-        check_pin(package, lowest, above, requirement)
+    for package in PINNED:
+        check_pin(package)
 
 
-def check_pin(package: str, lowest: tuple[int, ...], above: tuple[int, ...], requirement: str) -> None:
-    """Check that a package's release lies in [lowest, above).
+def check_pin(package: str) -> None:
+    """Check the installed version of a package that ocplanner or one of its extras requires.
 
     Raises:
-        VersionError: it is missing or does not; the message holds the ``pip`` line to run.
+        VersionError: the package is missing or has a version that ocplanner does not allow, or ocplanner itself is not
+            installed; the message holds the ``pip`` command to run.
     """
+    try:
+        required = metadata.requires("ocplanner") or []
+    except metadata.PackageNotFoundError as error:
+        raise VersionError("ocplanner is not installed; run: pip install . (in its source folder)") from error
+    text = next(text for text in required if Requirement(text).name == package).partition(";")[0].strip()
+    remedy = f"run: pip install '{text}'"
     try:
         found = metadata.version(package)
     except metadata.PackageNotFoundError as error:
-        raise VersionError(f"{package} is not installed; run: pip install '{requirement}'") from error
-    if not lowest <= _release(found) < above:
-        raise VersionError(
-            f"{package} {found} is installed, but ocplanner needs {requirement}; run: pip install '{requirement}'"
-        )
+        raise VersionError(f"{package} is not installed; {remedy}") from error
+    if not Requirement(text).specifier.contains(found, prereleases=True):
+        raise VersionError(f"{package} {found} is installed, but ocplanner needs {text}; {remedy}")
 
 
 def running_command() -> str:
@@ -69,7 +60,7 @@ def running_command() -> str:
 
 
 def installed() -> dict[str, str]:
-    """Versions of the packages that results record; a package that is not installed is left out."""
+    """The versions of the packages that results record, without those that are not installed."""
     return dict(_installed())
 
 

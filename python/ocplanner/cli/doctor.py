@@ -41,7 +41,7 @@ def check_dependencies() -> Finding:
     except OcplannerError as error:
         return Finding("dependencies", str(error), "install the version named", fatal=True)
     found = versions.installed()
-    return Finding("dependencies", ", ".join(f"{name} {found[name]}" for name in versions.PINS))
+    return Finding("dependencies", ", ".join(f"{name} {found[name]}" for name in versions.PINNED))
 
 
 def check_core() -> Finding:

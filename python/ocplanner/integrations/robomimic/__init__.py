@@ -17,7 +17,7 @@ Raises:
 
 from ocplanner.versions import check_pin
 
-check_pin("praxis-robomimic", (0, 5), (0, 6), "praxis-robomimic==0.5.0")
+check_pin("praxis-robomimic")
 
 from ocplanner.integrations.robomimic.algorithms import HintedBC, HintedBCRNN  # noqa: E402
 from ocplanner.integrations.robomimic.config import HintedBCConfig  # noqa: E402
