@@ -1,8 +1,8 @@
-"""One HDF5 file, opened lazily in every process, whose faults all become :class:`DatasetError`."""
+"""HDF5 files for reading: opened lazily in each process, with one clear :class:`DatasetError` for each fault."""
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,17 @@ from ocplanner.errors import DatasetError
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """The first bytes of every HDF5 file."""
 
-# What h5py and the decoding of attributes raise on files that are truncated, damaged or of another shape.
-_BROKEN = (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError)
+# What h5py and the decoding of text raise for files that are truncated, damaged or laid out differently. TypeError and
+# AttributeError are not among them: they are mistakes in the program.
+_BROKEN = (OSError, KeyError, RuntimeError, ValueError)
 _DAMAGED = "the file is truncated, damaged or not robomimic's: download or record it again"
+_MEMORY = "free some memory or use fewer workers; if the file cannot hold that much, download or record it again"
 
 
 class HDF5File:
-    """A read-only file; picklable, and usable after a fork or a spawn.
+    """A file opened for reading; picklable, and usable after a fork or a spawn.
 
-    Every error names the file, the key inside it, what was found and the remedy.
+    Every error names the file, the key inside it, the fault and the remedy.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -34,7 +36,7 @@ class HDF5File:
         return {"path": self.path, "_handle": None}
 
     def close(self) -> None:
-        """Close the file; reading afterwards opens it again."""
+        """Close the file; the next read opens it again."""
         if self._handle is not None and self._handle[0] == os.getpid():
             self._handle[1].close()
         self._handle = None
@@ -45,28 +47,31 @@ class HDF5File:
 
     @contextlib.contextmanager
     def reading(self, key: str) -> Iterator[h5py.File]:
-        """The open file; whatever goes wrong inside the block becomes a :class:`DatasetError` about ``key``."""
+        """The open file; damage or a lack of memory in the block becomes a :class:`DatasetError` about ``key``."""
         handle = self._open()
         try:
             yield handle
+        except MemoryError as error:
+            raise self.error(key, f"not enough memory ({_first_line(error)})", _MEMORY) from error
         except _BROKEN as error:
             raise self.error(key, f"cannot be read ({_first_line(error)})", _DAMAGED) from error
 
     def has(self, key: str) -> bool:
-        """Whether anything stands at ``key``."""
+        """Whether the file has an item at ``key``."""
         with self.reading(key) as handle:
             return key in handle
 
     def names(self, key: str) -> tuple[str, ...]:
-        """The names in the group at ``key``; empty when there is no such group."""
+        """The names in the group at ``key``; empty if there is no such group."""
         with self.reading(key) as handle:
             item = handle.get(key)
-            return tuple(item) if isinstance(item, h5py.Group) else ()
+            return self._texts(key, item) if isinstance(item, h5py.Group) else ()
 
     def attributes(self, key: str) -> dict[str, Any]:
         """The attributes of the item at ``key``, bytes decoded to text."""
-        with self.reading(f"attributes of {key}") as handle:
-            return {name: _text(value) for name, value in handle[key].attrs.items()}
+        with self.reading(f"attributes of {key}") as handle, self._known_types(key):
+            attributes = handle[key].attrs
+            return {name: _text(attributes[name]) for name in self._texts(key, list(attributes))}
 
     def shape(self, key: str) -> tuple[int, ...]:
         """The shape of the array at ``key``."""
@@ -81,7 +86,7 @@ class HDF5File:
     ) -> np.ndarray:
         """The array at ``key``, or some of its rows (an index array must increase).
 
-        ``check`` is called with the whole array's shape before anything is read.
+        ``check`` is called with the shape of the whole array before anything is read.
         """
         with self.reading(key) as handle:
             array = self._array(handle, key)
@@ -96,12 +101,19 @@ class HDF5File:
             group = handle[key]
             if isinstance(group, h5py.Group):
                 group.visititems(lambda path, item: found.append(path) if isinstance(item, h5py.Dataset) else None)
-        return tuple(found)
+        return self._texts(key, found)
 
     def copy(self, key: str, target: h5py.Group, name: str) -> None:
-        """Copy what stands at ``key`` to another open file, block by block, without unpacking it."""
+        """Copy the item at ``key`` to another open file, block by block, without decompressing it."""
         with self.reading(key) as handle:
             handle.copy(key, target, name=name)
+
+    def _texts(self, key: str, names: Collection[str | bytes]) -> tuple[str, ...]:
+        """Names of items below ``key``; h5py gives those that are not UTF-8 as bytes."""
+        texts = tuple(name for name in names if isinstance(name, str))
+        if len(texts) < len(names):
+            raise self.error(key, "holds a name that is not UTF-8", _DAMAGED)
+        return texts
 
     def _array(self, handle: h5py.File, key: str) -> h5py.Dataset:
         item = handle.get(key)
@@ -111,7 +123,17 @@ class HDF5File:
             raise self.error(key, "not there", f"{parent} holds: {held}")
         if not isinstance(item, h5py.Dataset) or item.ndim == 0:
             raise self.error(key, "not an array", "this is no robomimic data set")
+        with self._known_types(key):
+            _ = item.dtype
         return item
+
+    @contextlib.contextmanager
+    def _known_types(self, key: str) -> Iterator[None]:
+        """Report HDF5 types that NumPy lacks; h5py raises TypeError for them."""
+        try:
+            yield
+        except TypeError as error:
+            raise self.error(key, f"of an unknown type ({_first_line(error)})", _DAMAGED) from error
 
     def _open(self) -> h5py.File:
         if self._handle is not None and self._handle[0] == os.getpid():
@@ -121,16 +143,30 @@ class HDF5File:
         try:
             handle = h5py.File(self.path, "r")
         except _BROKEN as error:
-            raise DatasetError(
-                f"{self.path}: not a readable HDF5 file ({_first_line(error)}); it is truncated, damaged, being "
-                "written, or of another kind: download or record it again"
-            ) from error
+            raise DatasetError(f"{self.path}: {_why_unreadable(error)}") from error
         self._handle = (os.getpid(), handle)
         return handle
 
 
+def _why_unreadable(error: Exception) -> str:
+    """Why a file could not be opened, and the remedy."""
+    reason = _first_line(error)
+    if "unable to lock file" in reason:
+        return (
+            "another process has it open for writing; wait until that has finished. If no process is writing it, the "
+            "file system may lack locks: set HDF5_USE_FILE_LOCKING=FALSE"
+        )
+    if "already open for write" in reason:
+        return f"a process has it open for writing, or was killed while it had ({reason}); wait, or record it again"
+    if isinstance(error, PermissionError):
+        return f"no permission to read it ({reason}); change its mode or copy it"
+    return (
+        f"not a readable HDF5 file ({reason}); it is truncated, damaged or of another kind: download or record it again"
+    )
+
+
 def _as_slice(rows: slice | np.ndarray) -> slice | np.ndarray:
-    """Neighbouring rows as a slice, which HDF5 reads many times as fast as a list of them."""
+    """Adjacent rows as a slice: HDF5 reads it many times faster than a list."""
     if isinstance(rows, slice) or rows.dtype.kind not in "iu" or len(rows) == 0:
         return rows
     first, last = int(rows[0]), int(rows[-1])
