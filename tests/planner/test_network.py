@@ -1,4 +1,3 @@
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from ocplanner.planner.network import Normaliser, PlannerNetwork, matrix_from_ro
 from ocplanner.planner.predictor import latent_distance, winner_takes_all
 from ocplanner.planner.vae import Latent, kl_between, kl_to_prior, trajectory_loss
 from ocplanner.training.optimisation import BatchOrder
-from ocplanner.training.schedule import learning_rate
 
 SEEDS = st.integers(0, 1000)
 
@@ -151,11 +149,3 @@ def test_every_epoch_reads_every_frame_once(count, batch, seed):
     rows = np.concatenate([order.rows(step) for step in range(2 * count)])[: 2 * count]
     assert sorted(rows[:count]) == sorted(rows[count:]) == list(range(count))
     assert np.array_equal(BatchOrder(count, batch, (seed,)).rows(count), order.rows(count))
-
-
-def test_the_learning_rate_warms_up_and_decays(tiny):
-    config = replace(tiny().vae, steps=100, warmup=10, learning_rate=1.0)
-    rates = [learning_rate(config, step) for step in range(100)]
-    assert rates[0] < rates[5] < rates[9]
-    assert all(a > b for a, b in itertools.pairwise(rates[10:]))
-    assert rates[-1] < 0.01

@@ -17,7 +17,7 @@ from ocplanner.policies import train
 from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
-from ocplanner.policies.train import rate, train_policy
+from ocplanner.policies.train import train_policy
 from ocplanner.settings import build
 from ocplanner.training.run_folder import RunFolder
 
@@ -231,10 +231,10 @@ def test_a_folder_in_use_is_refused(tiny_square, tmp_path, small):
 
 def test_the_learning_rate_follows_its_schedule(small):
     constant = small(learning_rate=1e-3, schedule="constant", warmup=0)
-    assert {rate(constant, step) for step in range(20)} == {1e-3}
+    assert {constant.rate(step) for step in range(20)} == {1e-3}
     cosine = replace(constant, schedule="cosine", warmup=4)
-    values = [rate(cosine, step) for step in range(20)]
+    values = [cosine.rate(step) for step in range(20)]
     assert values[0] == pytest.approx(0.25e-3)
     assert max(values) < 1e-3
     assert values[4:] == sorted(values[4:], reverse=True)
-    assert rate(cosine, 20) == pytest.approx(0)
+    assert cosine.rate(20) == pytest.approx(0)

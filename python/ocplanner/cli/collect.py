@@ -42,7 +42,9 @@ class Collect:
                 failed += not success
                 text = doing + (f", {failed} failed" if failed else "")
                 progress.update(bar, advance=int(success), description=text)
-                lines.say(f"{text}: {progress.tasks[bar].completed:.0f} of {settings.episodes} demonstrations")
+                lines.say_if_quiet(
+                    lambda: f"{text}: {progress.tasks[bar].completed:.0f} of {settings.episodes} demonstrations"
+                )
 
             collected = collect(self.out, settings, self.workers, overwrite=self.overwrite, progress=count)
         kept, left_out = ("demonstrations", "failed") if settings.flaw is None else ("failures", "successful")

@@ -21,8 +21,8 @@ from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_f
 from ocplanner.planner.metrics import PlanErrors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.planner import FILE_NAME
-from ocplanner.planner.progress import Progress
 from ocplanner.planner.stages import STAGES, Material, Stage
+from ocplanner.progress import TrainingProgress
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder, Optimisation
 from ocplanner.training.run_folder import RunFolder
@@ -48,7 +48,7 @@ def train_planner(config: PlannerTraining, data: Path, run: Path) -> Path:
         TrainingError: a loss is not finite, or the run folder belongs to another training.
         OutputError: the folder cannot be written, or another process trains in it.
     """
-    progress = Progress()
+    progress = TrainingProgress()
     with Demonstrations(data) as demos:
         settings = data_settings(demos, config)
         parts = split(demos, config.seed)
@@ -65,7 +65,7 @@ def train_on_frames(
     valid: Frames,
     settings: DataSettings,
     run: Path,
-    progress: Progress | None = None,
+    progress: TrainingProgress | None = None,
 ) -> Path:
     """Train on frames already in memory; otherwise as :func:`train_planner`."""
     keep_freed_memory()
@@ -73,7 +73,7 @@ def train_on_frames(
         folder = RunFolder(run)
         folder.claim(RunConfig(to_dict(config), {"train": train.digest(), "valid": valid.digest()}))
         try:
-            return _Training(config, train, valid, settings, folder, progress or Progress()).run()
+            return _Training(config, train, valid, settings, folder, progress or TrainingProgress()).run()
         finally:
             folder.close()
 
@@ -96,7 +96,7 @@ class _Training:
         valid: Frames,
         settings: DataSettings,
         folder: RunFolder,
-        progress: Progress,
+        progress: TrainingProgress,
     ) -> None:
         self.config, self.settings, self.folder, self.progress = config, settings, folder, progress
         with torch.random.fork_rng(devices=[]):
@@ -138,7 +138,8 @@ class _Training:
 
     def _run_stage(self, index: int, stage: Stage, first: int, tensors: dict[str, torch.Tensor] | None) -> None:
         config = stage.config
-        optimisation = Optimisation(stage.module, config, partial(learning_rate, config))
+        rate = partial(learning_rate, base=config.learning_rate, steps=config.steps, warmup=config.warmup)
+        optimisation = Optimisation(stage.module, config, rate)
         if tensors is not None:
             optimisation.restore(tensors)
         order = BatchOrder(len(self.material.train), config.batch, (self.config.seed, index, 0))

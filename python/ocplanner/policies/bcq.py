@@ -22,7 +22,7 @@ from ocplanner.policies.config import (
     robomimic_preset,
 )
 from ocplanner.policies.data import Samples
-from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
+from ocplanner.policies.learner import EVALUATION_BATCH, crops
 from ocplanner.policies.transitions import TransitionBatch
 from ocplanner.training.optimisation import Optimisation
 
@@ -41,11 +41,11 @@ class BatchConstrainedQ:
         self._bcq = network.config
         self._targets = copy.deepcopy(network.critics).requires_grad_(False).eval()
         self._critics = fabric.setup_module(network.critics)
-        critic_rate = partial(rate, config, base=self._bcq.critic_learning_rate)
+        critic_rate = partial(config.rate, base=self._bcq.critic_learning_rate)
         self._parts = {"critics": Optimisation(network.critics, config, critic_rate, config.clip)}
         if self._bcq.sampler != "policy":
             self._sampler = fabric.setup_module(network.sampler)
-            self._parts["sampler"] = Optimisation(network.sampler, config, partial(rate, config), config.clip)
+            self._parts["sampler"] = Optimisation(network.sampler, config, config.rate, config.clip)
 
     def step(self, samples: Samples, rows: np.ndarray, step: int) -> dict[str, Tensor]:
         """One update of everything."""

@@ -10,11 +10,11 @@ from typing import Any, Literal
 from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.algorithms import AlgorithmSettings, find_algorithm
 from ocplanner.settings import build, require, require_choice
+from ocplanner.training.schedule import Schedule, learning_rate
 
 ObservationKind = Literal["state", "image"]
 Preset = Literal["cpu", "robomimic"]
 StdActivation = Literal["softplus", "exp"]
-Schedule = Literal["constant", "cosine"]
 Precision = Literal["float32", "bfloat16"]
 
 HINT_KEY = "ocp_hint"
@@ -152,6 +152,11 @@ class PolicyTraining:
     device: str = "cpu"
     precision: Precision = "float32"
     """Of the products inside layers while training; weights, mixture, loss and rollouts are float32 either way."""
+
+    def rate(self, step: int, base: float | None = None) -> float:
+        """The learning rate of a step, counted from 0; ``base`` replaces ``learning_rate``."""
+        base = self.learning_rate if base is None else base
+        return learning_rate(step, base=base, steps=self.steps, warmup=self.warmup, schedule=self.schedule)
 
     @property
     def reads_hints(self) -> bool:

@@ -1,7 +1,6 @@
 """Learning to imitate: the likelihood of recorded actions, one optimiser."""
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 
 import numpy as np
 import torch
@@ -11,7 +10,7 @@ from torch import Tensor
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.data import Samples
-from ocplanner.policies.learner import EVALUATION_BATCH, crops, rate
+from ocplanner.policies.learner import EVALUATION_BATCH, crops
 from ocplanner.training.optimisation import Optimisation
 
 
@@ -21,7 +20,7 @@ class Imitation:
     def __init__(self, fabric: Fabric, config: PolicyTraining, network: Actor) -> None:
         self.fabric, self.config, self.network = fabric, config, network
         self._parallel = fabric.setup_module(network)
-        self._optimisation = Optimisation(network, config, partial(rate, config), config.clip)
+        self._optimisation = Optimisation(network, config, config.rate, config.clip)
 
     def step(self, samples: Samples, rows: np.ndarray, step: int) -> dict[str, Tensor]:
         """One update."""

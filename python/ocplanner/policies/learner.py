@@ -1,6 +1,5 @@
 """What the training loop asks of an algorithm."""
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 
@@ -46,19 +45,6 @@ class Learner(Protocol):
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """Take over what :meth:`state` gave."""
         ...
-
-
-def rate(config: PolicyTraining, step: int, base: float | None = None) -> float:
-    """The learning rate of a step: linear warm-up, then constant or a cosine to zero at the last step.
-
-    Args:
-        config: schedule, and the base unless it is given.
-        step: from 0.
-        base: before any schedule.
-    """
-    warm = min(1.0, (step + 1) / max(1, config.warmup))
-    decay = 1.0 if config.schedule == "constant" else 0.5 * (1 + math.cos(math.pi * step / config.steps))
-    return (config.learning_rate if base is None else base) * warm * decay
 
 
 def crops(config: PolicyTraining, step: int, process: int) -> np.random.Generator:

@@ -19,9 +19,9 @@ from ocplanner.policies.config import (
     NetworkConfig,
     ObservationConfig,
     PolicyTraining,
-    Schedule,
 )
 from ocplanner.policies.robomimic_keys import IGNORED_KEYS, Keys
+from ocplanner.training.schedule import Schedule
 
 _LOW_DIM = ["robot0_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos", "object"]
 _IMAGE = "_image"

@@ -24,7 +24,6 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
-from ocplanner.planner.progress import Progress
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.algorithms import find_algorithm
 from ocplanner.policies.bcq import encoded
@@ -33,11 +32,12 @@ from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
 from ocplanner.policies.data import Samples, check_horizons, load_samples
 from ocplanner.policies.frozen_sampler import check_recorded
-from ocplanner.policies.learner import Learner, rate
+from ocplanner.policies.learner import Learner
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import fit_encoders
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
+from ocplanner.progress import TrainingProgress
 from ocplanner.settings import require, to_dict
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder
@@ -218,7 +218,7 @@ class _Training:
         proposing: Policy | None = None,
     ) -> None:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
-        self.progress = Progress()
+        self.progress = TrainingProgress(shown=self.first)
         self.train, self.valid = recorded.train, recorded.valid
         network = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
         if proposing is None:
@@ -243,7 +243,7 @@ class _Training:
         order = BatchOrder(len(self.train), self.config.batch, (self.config.seed, 0))
         started, since = time.monotonic() - self.seconds, (first, time.monotonic())
         saved = time.monotonic()
-        with self.progress.bar(self.config.algorithm if self.first else "", self.config.steps, first) as advance:
+        with self.progress.bar(self.config.algorithm, self.config.steps, first) as advance:
             for step in range(first, self.config.steps):
                 seen = self._step(order.rows(step), step)
                 for name, value in seen.items():
@@ -299,7 +299,7 @@ class _Training:
         if not self.first:
             return
         values = {"seconds": round(self.seconds, 1), **seen}
-        values |= {"learning_rate": rate(self.config, step - 1), "steps_per_second": speed}
+        values |= {"learning_rate": self.config.rate(step - 1), "steps_per_second": speed}
         text = f"step {step} of {self.config.steps}: loss {seen['loss']:.4g}"
         if self.valid is not None:
             self.learner.swap()

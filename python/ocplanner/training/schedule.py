@@ -1,9 +1,12 @@
-"""How long a stage of training lasts, and its learning-rate curve."""
+"""How long a stage of training lasts, and the curve of the learning rate."""
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from ocplanner.settings import require
+
+Schedule = Literal["constant", "cosine"]
 
 
 @dataclass(frozen=True)
@@ -16,7 +19,7 @@ class StageConfig:
     weight_decay: float = 1e-4
     warmup: int = 100
     ema: float = 0.999
-    """Decay of the moving average of the weights, which is what later stages and the planner use; 0: off."""
+    """Decay of the moving average of the weights, which later stages and the planner use; 0: no average."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -26,7 +29,16 @@ class StageConfig:
         require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
 
 
-def learning_rate(config: StageConfig, step: int) -> float:
-    """Linear warm-up, then a cosine to zero at the stage's last step."""
-    warm = min(1.0, (step + 1) / max(1, config.warmup))
-    return config.learning_rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.steps))
+def learning_rate(step: int, *, base: float, steps: int, warmup: int, schedule: Schedule = "cosine") -> float:
+    """The learning rate of a step: linear warm-up, then constant or a cosine to zero at the last step.
+
+    Args:
+        step: counted from 0.
+        base: the rate before warm-up and schedule.
+        steps: number of steps of the training.
+        warmup: number of steps of the warm-up.
+        schedule: what follows the warm-up.
+    """
+    warm = min(1.0, (step + 1) / max(1, warmup))
+    decay = 1.0 if schedule == "constant" else 0.5 * (1 + math.cos(math.pi * step / steps))
+    return base * warm * decay
