@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ocplanner.geometry.rotation import angle_between, mean_rotation, yaw_rotation
-from ocplanner.geometry.symmetry import nearest_equivalent
+from ocplanner.geometry.rotation import angle_between, yaw_rotation
+from ocplanner.geometry.symmetry import equivalents, nearest_equivalent
 
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3)
 
@@ -25,12 +25,13 @@ def test_half_a_turn_too_far_is_mended():
     assert nearest_equivalent(yaw_rotation(0.35 + np.pi), now, 4) == pytest.approx(yaw_rotation(0.35))
 
 
-@given(vectors, vectors)
-def test_angle(a, b):
-    first, second = Rotation.from_rotvec(a), Rotation.from_rotvec(b)
-    expected = (first * second.inv()).magnitude()
-    assert angle_between(first.as_matrix(), second.as_matrix()) == pytest.approx(expected, abs=1e-6)
-
-
-def test_mean_of_two_yaws():
-    assert mean_rotation(np.array([yaw_rotation(0.2), yaw_rotation(0.6)])) == pytest.approx(yaw_rotation(0.4))
+@given(vectors, vectors, st.sampled_from([1, 2, 4, 0]))
+def test_equivalents_begin_with_the_nearest_and_serve_alike(a, b, fold):
+    rotation, reference = Rotation.from_rotvec(a).as_matrix(), Rotation.from_rotvec(b).as_matrix()
+    found = equivalents(rotation, reference, fold)
+    assert len(found) == (fold or 8)
+    np.testing.assert_allclose(found[0], nearest_equivalent(rotation, reference, fold), atol=1e-6)
+    distances = [angle_between(other, reference) for other in found]
+    assert distances == sorted(distances)
+    for other in found:
+        np.testing.assert_allclose(other[:, 2], rotation[:, 2], atol=1e-12)

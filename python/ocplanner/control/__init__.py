@@ -1,1 +1,1 @@
-"""What moves an arm, simulated or real: neither robosuite, mujoco nor torch is needed."""
+"""What moves an arm, simulated or real; needs neither robosuite, mujoco nor torch. See ``docs/control.md``."""

@@ -1,4 +1,4 @@
-"""When the robot holds the object: where a plan may hint and reward. The same rule for recordings and live."""
+"""Tells whether the robot holds the object, by the same rule live and in recordings; hints and rewards depend on it."""
 
 import math
 from collections.abc import Sequence
@@ -12,33 +12,31 @@ from ocplanner.geometry.pose import Pose
 
 @dataclass(frozen=True)
 class GraspRule:
-    """When a closed gripper holds the object: it takes the object along.
-
-    Attributes:
-        carried: the hand has moved this far (m) with the object before the object counts as held.
-        slip: how far (m) the hand may move in the object's frame meanwhile; fingers that push an object, or miss it,
-            move farther.
-        lost: what was held is lost once the hand is this far (m) from where it held it, in the object's frame.
-    """
+    """When a closed gripper holds the object: it takes the object along. Lengths in metres."""
 
     carried: float = 0.004
+    """How far the hand must have moved with the object before the object counts as held."""
     slip: float = 0.001
+    """How far the hand may move in the object's frame meanwhile; fingers that push an object, or miss it, move
+    farther."""
     lost: float = 0.03
+    """How far the hand may move in the object's frame from where it held the object before the object is lost."""
 
 
 DEFAULT_RULE = GraspRule()
 
 
 class GraspDetector:
-    """Follows an episode step by step and says whether the object is held; looks at nothing that is yet to come."""
+    """Says step by step whether the object is held, from what has happened so far."""
 
     def __init__(self, rule: GraspRule = DEFAULT_RULE) -> None:
         self._rule = rule
-        self._since: tuple[Sequence[float], Sequence[float]] | None = None  # see follow
+        self._since: tuple[Sequence[float], Sequence[float]] | None = None
+        """The hand in the world and in the object's frame when it closed, or when the hold began."""
         self._held = False
 
     def update(self, object_pose: Pose, eef_position: np.ndarray, last_gripper: float) -> bool:
-        """Whether the object is held before the next action.
+        """Note a step; returns whether the object is held before the next action.
 
         Args:
             object_pose: present pose, world.

@@ -1,4 +1,4 @@
-"""Masks that are a few pixels off, as a camera's calibration error would make them."""
+"""Robot masks that are a few pixels off, as a calibration error of the camera would make them."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -26,9 +26,9 @@ class MaskedView(Protocol):
 
 
 class NoisyMask:
-    """Observes with a robot mask that is wrong in one way for a whole episode.
+    """Pictures whose robot mask is wrong in one way for a whole episode.
 
-    Where the mask is too small, the robot itself shows; where it is too large, the scene is painted over.
+    Where the mask is too small, the robot shows; where it is too large, the scene is painted over.
 
     Args:
         pixels: size of the error, 0 for none.

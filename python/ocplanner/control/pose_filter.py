@@ -1,4 +1,4 @@
-"""Steadying an estimated object pose by what is known for sure: where the hand is."""
+"""Steadies an estimated object pose by what is known exactly: where the hand is."""
 
 from collections import deque
 
@@ -12,16 +12,16 @@ _WORLD = Pose(np.zeros(3), np.eye(3))
 
 
 class FilteredArm:
-    """An arm whose program reads a running mean of the object's estimated poses; all else is the arm's own.
+    """An arm whose object pose is a running mean of the estimates; all else is the arm's own.
 
-    From when the gripper is told to close until it is told to open, the object is taken to move with the hand, so that
-    what is averaged is its pose in the hand's frame; otherwise it is taken to lie still in the world. A late estimate
-    is put together with where the hand was then, so that the object's motion with the hand since then is made up for.
+    From the command to close until the command to open, the object is assumed to move with the hand, and its pose in
+    the hand's frame is averaged; otherwise it is assumed to lie still in the world. A late estimate is combined with
+    where the hand was then, which makes up for the object's motion with the hand since.
 
     Args:
-        arm: the arm, its episode just begun.
+        arm: the arm, with the object that it works on.
         steps: time constant of the mean, control steps; 1 takes every estimate as it is.
-        latency_steps: age of the estimates, which their time stamps tell.
+        latency_steps: age of the estimates, known from their time stamps.
     """
 
     def __init__(self, arm: Arm, steps: int, latency_steps: int) -> None:

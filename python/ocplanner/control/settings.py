@@ -4,14 +4,13 @@ Lengths are in metres, angles in radians and durations in control steps (20 Hz) 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Literal
 
 from ocplanner import _core
 from ocplanner.envs.tasks import ObjectSpec
-from ocplanner.errors import InvalidValueError, UnknownNameError
+from ocplanner.settings import require, require_choice
 
 FollowMode = Literal["gated", "time", "open-loop"]
-FOLLOW_MODES: tuple[str, ...] = get_args(FollowMode)
 
 
 @dataclass(frozen=True)
@@ -236,12 +235,10 @@ class ControlSettings:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.follow not in FOLLOW_MODES:
-            raise UnknownNameError("follow mode", self.follow, FOLLOW_MODES)
-        if self.gain <= 0:
-            raise InvalidValueError(f"gain is {self.gain}, but must be positive")
-        if self.following.replan_steps < 1:
-            raise InvalidValueError(f"replan_steps is {self.following.replan_steps}, but must be at least 1")
+        require_choice("follow mode", self.follow, FollowMode)
+        require(self.gain > 0, f"gain is {self.gain}, but must be positive")
+        steps = self.following.replan_steps
+        require(steps >= 1, f"replan_steps is {steps}, but must be at least 1")
 
     @property
     def gated(self) -> bool:

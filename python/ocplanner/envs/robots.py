@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ocplanner.errors import UnknownNameError
+from ocplanner.geometry.rotation import yaw_rotation
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,7 @@ class RobotSpec:
         straight = np.eye(3)
         if self.closing_axis == "y":
             straight = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        if not self.turn:
-            return straight
-        cos, sin = np.cos(self.turn), np.sin(self.turn)
-        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ straight
+        return yaw_rotation(self.turn) @ straight if self.turn else straight
 
 
 ROBOTS = {

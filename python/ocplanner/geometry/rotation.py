@@ -1,6 +1,6 @@
-"""Rotations, quaternions and 6D: the one place for each. The maths lives in :mod:`ocplanner._core`.
+"""Rotations, quaternions, rotation vectors and 6D: the one place for each.
 
-Rotations are (..., 3, 3) float64, body -> world; every function takes any leading axes.
+Rotations are (..., 3, 3) float64, body -> world. The functions of :mod:`ocplanner._core` take any leading axes.
 """
 
 import numpy as np

@@ -56,7 +56,7 @@ class ObjectSpec:
             number if not given.
         lift: how far it goes up before it goes aside, and along its own z meanwhile, metres; straight up, by the
             follower's own number, if not given.
-        lean: angle in radians by which every arm's palm is tilted, at least, see :func:`transfer.grasp.leaning`.
+        lean: least angle by which every arm's palm is tilted, radians; see :func:`ocplanner.control.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
         way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
             began: where the straight way would lead through something.
