@@ -187,7 +187,7 @@ def test_settings_that_make_no_sense(path, noise_planner, settings, error, messa
 
 
 def test_planner_and_data_set_must_fit(tiny_square, path, tmp_path, noise_planner):
-    with pytest.raises(DatasetError, match="ocplanner render"):
+    with pytest.raises(MismatchError, match="ocplanner render"):
         labels(tiny_square("1.4.1"), noise_planner)
     write_random_planner(tmp_path / "p.safetensors")
     with pytest.raises(MismatchError, match="observe=full"):
@@ -196,7 +196,7 @@ def test_planner_and_data_set_must_fit(tiny_square, path, tmp_path, noise_planne
 
 def test_the_planners_pictures_may_be_another_files(tiny_square, noise_planner, path):
     with Demonstrations(tiny_square("1.4.1")) as demos, Demonstrations(path) as pictures:
-        with pytest.raises(DatasetError, match="no images of camera agentview"):
+        with pytest.raises(MismatchError, match="no images of camera agentview"):
             Labeller(noise_planner, demos, EVERYTHING)
         with Labeller(noise_planner, demos, EVERYTHING, pictures=pictures) as labeller:
             found = labeller.label(demos["demo_1"])

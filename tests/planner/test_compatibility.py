@@ -5,7 +5,7 @@ import h5py
 import pytest
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.errors import MismatchError
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.planner.compatibility import check_fit
 from ocplanner.planner.planner import Planner
@@ -53,5 +53,7 @@ def test_what_does_not(check, drawn, planner, message):
 
 
 def test_a_missing_camera(check):
-    with pytest.raises(DatasetError, match=r"no images of camera side.*there are: agentview.*--cameras agentview side"):
+    with pytest.raises(
+        MismatchError, match=r"no images of camera side.*there are: agentview.*--cameras agentview side"
+    ):
         check(DRAWN, cameras=["agentview", "side"])

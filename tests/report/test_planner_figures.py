@@ -1,3 +1,5 @@
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -6,20 +8,31 @@ import pytest
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.errors import MismatchError
-from ocplanner.report.planner_figures import draw_planners, planner_figures, write_planner_figures
+from ocplanner.files.records.planner import (
+    DecoderHeader,
+    EncoderHeader,
+    NormaliserHeader,
+    PlannerHeader,
+    PredictorHeader,
+)
+from ocplanner.report.planner_figures import draw_planners, planner_figures
 
 HORIZON = 4
+HEADER = PlannerHeader(
+    task="Square", object="SquareNut", cameras=("agentview",), observe="full", visual=None, mask_rgb=None,
+    horizon=HORIZON, outputs="position", image_size=84, crop=76, latent=4, seed=0,
+    encoder=EncoderHeader(type="small", pool="flatten", feature=8), predictor=PredictorHeader((8,)),
+    decoder=DecoderHeader(8), normaliser=NormaliserHeader((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+)  # fmt: skip
 
 
 class Recorded:
     """Stands in for a planner: looks the recorded future up by the image, and moves it 5 cm along x."""
 
-    config = {  # noqa: RUF012
-        "task": "Square", "object": "SquareNut", "cameras": ["agentview"], "observe": "full",
-        "horizon": HORIZON, "seed": 0,
-    }  # fmt: skip
+    path = Path("recorded.safetensors")
 
-    def __init__(self, demos: Demonstrations) -> None:
+    def __init__(self, demos: Demonstrations, **header) -> None:
+        self.header = replace(HEADER, **header)
         self._future = {}
         for demo in demos:
             positions, rotations = demo.object_poses("SquareNut")
@@ -66,9 +79,10 @@ def test_the_nut_is_at_the_start_of_its_true_path(demos):
     assert wooden > 0.2
 
 
-def test_figures_are_written_by_name(demos, tmp_path):
-    written = write_planner_figures(Recorded(demos), demos, tmp_path / "figures", "h4")
-    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png"]
+def test_figures_are_written_by_name(demos, tmp_path, monkeypatch):
+    monkeypatch.setattr("ocplanner.planner.planner.Planner.load", lambda _: Recorded(demos))
+    written = draw_planners([tmp_path / "h4.safetensors"], [demos.path], tmp_path / "figures")
+    assert [path.name for path in written] == ["plans_h4.png", "latents_h4.png", "segments_SquareNut.png"]
     assert all(path.stat().st_size > 5000 for path in written)
 
 
@@ -90,13 +104,11 @@ def test_a_planner_without_a_data_set_that_fits_is_an_error(demos, tiny_square, 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"cameras": ["sideview"]}, "no images of camera sideview"),
-        ({"observe": "masked"}, "shows observe=full"),
-        ({"task": "Lift"}, "of task Square"),
+        ({"cameras": ("sideview",)}, "no images of camera sideview"),
+        ({"observe": "masked"}, "drawn with observe=full"),
+        ({"task": "Lift"}, "SquareNut of Lift, but .* shows NutAssemblySquare"),
     ],
 )
 def test_a_data_set_of_another_kind_is_refused(demos, change, message):
-    planner = Recorded(demos)
-    planner.config = planner.config | change
     with pytest.raises(MismatchError, match=message):
-        planner_figures(planner, demos)
+        planner_figures(Recorded(demos, **change), demos)

@@ -2,7 +2,7 @@
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.recorded_task import recorded_task
-from ocplanner.errors import DatasetError, MismatchError
+from ocplanner.errors import MismatchError
 from ocplanner.files.records.render import RenderRecord
 from ocplanner.planner.planner import Planner
 
@@ -11,8 +11,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     """Check task, object, cameras, observation, image size, visual preset and mask colour.
 
     Raises:
-        DatasetError: images of a camera are missing.
-        MismatchError: the planner was made for something else.
+        MismatchError: the planner was made for something else, or images of a camera are missing.
     """
     header, render = planner.header, demos.render_record or RenderRecord()
     task = recorded_task(demos.env_name)
@@ -24,7 +23,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     remedy = _remedy(planner)
     missing = [camera for camera in header.cameras if camera not in demos.cameras]
     if missing:
-        raise DatasetError(
+        raise MismatchError(
             f"{demos.path}: no images of camera {', '.join(missing)}, which the planner wants (there are: "
             f"{', '.join(demos.cameras) or 'none'}); add them with {remedy}"
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 from ocplanner.drawing.style import save_figure
 from ocplanner.drawing.video import read_video
 from ocplanner.report.heat_map import draw_heat_map, heat_map
-from ocplanner.report.names import distinct_names
+from ocplanner.report.model_figures import distinct_names
 from ocplanner.report.noise_plot import noise_series, success_against_noise
 from ocplanner.report.overlays import film_strip
 from ocplanner.report.plots import error_curves, failure_matrix, loss_curves, success_rates

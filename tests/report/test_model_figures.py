@@ -1,7 +1,9 @@
+from pathlib import Path
+
 import pytest
 
 from ocplanner.errors import DatasetError, MismatchError
-from ocplanner.report.fitting import first_fitting
+from ocplanner.report.model_figures import distinct_names, first_fitting
 
 
 def refuse(*names):
@@ -29,3 +31,21 @@ def test_damage_is_not_passed_over():
 
     with pytest.raises(DatasetError, match="truncated"):
         first_fitting(["a", "b"], damaged)
+
+
+@pytest.mark.parametrize(
+    ("paths", "expected"),
+    [
+        ([], []),
+        (["a/one.mp4", "b/two.mp4"], ["one", "two"]),
+        (["a/one.mp4", "b/one.mp4", "b/two.mp4"], ["a_one", "b_one", "two"]),
+        (["a/videos/1.mp4", "b/videos/1.mp4", "b/2.mp4"], ["a_videos_1", "b_videos_1", "2"]),
+    ],
+)
+def test_folders_stand_in_front_only_where_they_tell_files_apart(paths, expected):
+    assert distinct_names([Path(path) for path in paths]) == expected
+
+
+def test_given_names_are_told_apart_too():
+    paths = [Path("a/run/planner.safetensors"), Path("b/run/planner.safetensors")]
+    assert distinct_names(paths, ["run", "run"]) == ["a_run_run", "b_run_run"]
