@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import importlib
+import inspect
 import io
 import re
 import shlex
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import tyro
 
+import ocplanner
 from ocplanner.cli import _commands
 
 ROOT = Path(__file__).parents[2]
@@ -119,7 +121,22 @@ def test_what_python_examples_import_exists(page):
                 module = importlib.import_module(node.module)
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ocp":
-                assert hasattr(importlib.import_module("ocplanner"), node.attr), node.attr
+                assert hasattr(ocplanner, node.attr), node.attr
+
+
+def calls(page: Path) -> list[str]:
+    """Calls of ``ocp.NAME(...)`` in examples and in the text."""
+    trees = [ast.parse(block) for block in blocks(page, "python")]
+    trees += [ast.parse(span) for span in spans(page) if re.match(r"ocp\.\w+\(.*\)$", span)]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return [ast.unparse(node) for node in nodes if re.match(r"ocp\.\w+$", ast.unparse(node.func))]
+
+
+@pytest.mark.parametrize(("page", "call"), of(calls))
+def test_a_call_has_arguments_that_exist(page, call):
+    node = ast.parse(call, mode="eval").body
+    signature = inspect.signature(getattr(ocplanner, node.func.attr))
+    signature.bind(*node.args, **{keyword.arg: None for keyword in node.keywords})
 
 
 def test_every_page_is_reached_from_the_index():
