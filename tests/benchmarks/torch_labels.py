@@ -10,7 +10,7 @@ from planner_weights import PlannerWeights
 from torch_planner import TorchPlanner
 
 from ocplanner.control.grasp_detection import held_steps
-from ocplanner.demos.layouts import rotation_from_quat_xyzw
+from ocplanner.geometry.rotation import rotation_from_quat_xyzw
 
 
 class TorchLabeller:

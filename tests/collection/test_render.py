@@ -65,7 +65,7 @@ def test_plain_pictures_need_no_masks(tiny_square, tmp_path, observe):
         assert not any(key.endswith(("_mask", "_empty")) for key in demo.observation_keys)
         assert demo.images("agentview").any((1, 2, 3)).all()
         assert demos.mask("train") == ["demo_0"]
-        assert demo.model_file is not None
+        assert "model_file" in demo.attrs
 
 
 def test_a_killed_run_goes_on_and_ends_the_same(tiny_square, rendered, tmp_path):

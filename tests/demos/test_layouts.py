@@ -16,10 +16,10 @@ from ocplanner.demos.layouts import (
     find_in_states,
     order_from_relative_pose,
     order_from_version,
-    rotation_from_quat_xyzw,
     split_object,
 )
 from ocplanner.errors import DatasetError, ObjectLayoutError, UnknownNameError
+from ocplanner.geometry.rotation import rotation_from_quat_xyzw
 
 SQUARE = "NutAssemblySquare"
 
@@ -54,7 +54,7 @@ class Recording:
         self.eef_pos, self.eef_quat = rng.uniform(-1, 1, (steps, 3)), _quat(rng, steps)
         rotation_eef = rotation_from_quat_xyzw(self.eef_quat)
         offset = np.einsum("tji,tj->ti", rotation_eef, self.pose[:, :3] - self.eef_pos)
-        turned = np.einsum("tji,tjk->tik", rotation_eef, rotation_from_quat_xyzw(self.pose[:, 3:]))
+        turned = np.einsum("tji,tjk->tik", rotation_eef, rotation_from_quat_xyzw(self.pose[:, 3:].copy()))
         relative = np.concatenate([offset, _quat_from_rotation(turned)], axis=1)
         self.object = {
             "absolute-first": np.concatenate([self.pose, relative], axis=1),
@@ -65,19 +65,6 @@ class Recording:
 
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-@given(seeds)
-def test_rotation_is_proper_and_agrees_with_the_quaternion(seed):
-    quat = _quat(np.random.default_rng(seed), 5)
-    rotation = rotation_from_quat_xyzw(3.0 * quat)  # normalised inside
-    np.testing.assert_allclose(
-        rotation @ np.swapaxes(rotation, 1, 2), np.broadcast_to(np.eye(3), (5, 3, 3)), atol=1e-12
-    )
-    np.testing.assert_allclose(np.linalg.det(rotation), 1, atol=1e-12)
-    again = _quat_from_rotation(rotation)
-    np.testing.assert_allclose(np.abs(np.sum(again * quat, axis=1)), 1, atol=1e-9)
-    np.testing.assert_array_equal(rotation_from_quat_xyzw(-quat), rotation_from_quat_xyzw(quat))
 
 
 @settings(deadline=None)
@@ -144,7 +131,7 @@ def test_order_from_version(version, order):
 
 
 def test_no_witness_is_an_error_not_a_guess():
-    with pytest.raises(ObjectLayoutError, match=r"cannot be told.*object_layout='absolute-first'"):
+    with pytest.raises(ObjectLayoutError, match=r"is unknown.*object_layout='absolute-first'"):
         detect_order(Recording(0).object["absolute-first"], SQUARE, env_version=None)
 
 
@@ -166,7 +153,7 @@ def test_a_degenerate_relative_pose_has_no_vote():
 
 
 def test_unknown_environment_and_width():
-    with pytest.raises(ObjectLayoutError, match=r"not known for environment 'Door'; known: .*NutAssemblySquare"):
+    with pytest.raises(ObjectLayoutError, match=r"is unknown for environment 'Door'; known: .*NutAssemblySquare"):
         detect_order(np.zeros((3, 14)), "Door", env_version="1.4.1")
     with pytest.raises(ObjectLayoutError, match=r"expected \(steps, 10\)"):
         detect_order(np.zeros((3, 14)), "Lift", env_version="1.4.1")

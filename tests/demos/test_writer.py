@@ -46,7 +46,7 @@ def test_round_trip(tmp_path):
     assert (demos.mask("train"), demos.mask("valid")) == (["demo_0", "demo_10"], ["demo_2"])
     for demo in demos:
         assert (demo.attrs["seed"], demo.attrs["num_samples"]) == (int(demo.name[5:]), demo.length)
-        assert demo.model_file == model
+        assert demo.attrs["model_file"] == model
         stored = demo.arrays()
         for key, array in _arrays(int(demo.name[5:]), demo.length).items():
             np.testing.assert_array_equal(stored.pop(key), array, strict=True)
@@ -114,8 +114,8 @@ def test_existing_files_are_kept_unless_told(tmp_path):
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("../demo", {}, "no name for a demonstration"),
-        ("demo_0", {"actions": None}, "no actions among states"),
+        ("../demo", {}, "cannot name a demonstration"),
+        ("demo_0", {"actions": None}, "no actions among its arrays .states"),
         ("demo_0", {"actions": np.zeros((0, 7))}, "no steps"),
         ("demo_0", {"states": np.zeros((4, 3))}, r"states has shape \(4, 3\), but there are 5 actions"),
         ("demo_0", {"obs/text": np.full(5, "x")}, "obs/text has dtype <U1"),
@@ -131,10 +131,10 @@ def test_what_is_no_demonstration(tmp_path, name, change, message):
 
 def test_finish_wants_what_it_names(tmp_path):
     with DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS) as writer:
-        with pytest.raises(DatasetError, match="no demonstration"):
+        with pytest.raises(DatasetError, match="without any demonstration"):
             writer.finish()
         writer.add("demo_0", _arrays())
-        with pytest.raises(DatasetError, match="demo_1 not done"):
+        with pytest.raises(DatasetError, match="without demo_1; add what is missing"):
             writer.finish({"train": ["demo_0", "demo_1"]})
         assert writer.done == ("demo_0",)
 

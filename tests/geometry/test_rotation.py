@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ocplanner.geometry.rotation import (
     angle_between,
+    angles_between,
     mean_rotation,
     quat_wxyz_from_rotation,
     quat_xyzw_from_rotation,
@@ -75,3 +76,10 @@ def test_the_mean_is_a_rotation_that_turns_with_its_members(a, b):
 
 def test_mean_of_two_yaws():
     assert mean_rotation(np.array([yaw_rotation(0.2), yaw_rotation(0.6)])) == pytest.approx(yaw_rotation(0.4))
+
+
+def test_angles_are_exact_near_zero_and_for_any_leading_axes():
+    turns = np.array([[1e-9, 0.1], [1.0, np.pi]])
+    turned = np.array([[yaw_rotation(turn) for turn in row] for row in turns])
+    angles = angles_between(np.broadcast_to(np.eye(3), turned.shape), turned)
+    np.testing.assert_allclose(angles, turns, rtol=1e-7)

@@ -1,1 +1,1 @@
-"""Reading, writing, rendering and collecting demonstrations."""
+"""Reading and writing data sets of demonstrations of any origin."""

@@ -1,6 +1,5 @@
-"""In which frame and scale a data set's actions move the end effector (OSC_POSE deltas)."""
+"""The frame and scale in which a data set's actions move the end effector (OSC_POSE deltas)."""
 
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -8,37 +7,38 @@ import numpy as np
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.layouts import is_from_1_5
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.tasks import task_of_env
 from ocplanner.errors import DatasetError, MismatchError, ShapeError
 from ocplanner.files.records.labels import ActionScale, FrameName
 
-_SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's own where a recording does not say
+_SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's defaults, for recordings that do not say
 
 
 class ActionFrame:
     """Frame and scale of the end-effector deltas of one data set; a context manager.
 
-    robosuite up to 1.4 reads them in the world frame. From 1.5 on it reads them in the frame of the arm's base, which
-    on some arms turns with the first joint, unless ``input_ref_frame`` says ``world``; the base is then looked up in a
-    simulation set to the recorded states.
+    robosuite up to 1.4 interprets them in the world frame. From 1.5 on it uses the frame of the arm's base, which on
+    some arms turns with the first joint, unless ``input_ref_frame`` is ``world``. The base's rotation is then read from
+    a simulation that is set to the recorded states.
 
     Attributes:
         scale: of the actions.
         name: ``"world"`` or ``"base"``.
 
     Raises:
-        MismatchError: the actions are no OSC_POSE deltas of one arm.
+        MismatchError: the actions are not OSC_POSE deltas of one arm.
     """
 
     def __init__(self, demos: Demonstrations) -> None:
         self._demos = demos
         controller = _osc_pose(demos)
         self.scale = _scale(demos, controller)
-        modern = "input_type" in controller or "input_ref_frame" in controller or _from_1_5(demos.env_version)
+        modern = "input_type" in controller or "input_ref_frame" in controller or is_from_1_5(demos.env_version)
         name = str(controller.get("input_ref_frame", "base")) if modern else "world"
         if name not in ("world", "base"):
-            raise MismatchError(f"{demos.path}: actions in the frame {name!r}; only world and base are known")
+            raise MismatchError(f"{demos.path}: actions in the frame {name!r}, expected world or base; record it again")
         self.name: FrameName = name
         self._env: ManipulationEnv | None = None
 
@@ -46,7 +46,7 @@ class ActionFrame:
         """(n, 3, 3) rotations, frame of the actions -> world, at the given steps.
 
         Raises:
-            DatasetError: the frame is the base's, and the states are missing or another model's.
+            DatasetError: the frame is the base's, but the states are missing or another model's.
         """
         if self.name == "world" or not len(rows):
             return np.tile(np.eye(3), (len(rows), 1, 1))
@@ -60,7 +60,7 @@ class ActionFrame:
             self._env = None
 
     def __enter__(self) -> "ActionFrame":
-        """Nothing to do."""
+        """The simulation starts when it is first needed."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -73,7 +73,9 @@ class ActionFrame:
         try:
             self._env.set_state(state)
         except ShapeError as error:
-            raise DatasetError(f"{demo!r}: the base's frame cannot be told from the states: {error}") from error
+            raise DatasetError(
+                f"{demo!r}: the states do not give the base's frame: {error}; record it again"
+            ) from error
         return self._env.base_rotation
 
 
@@ -84,19 +86,19 @@ def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
     if len(demos.robots) != 1 or len(arms) != 1:
         types = ", ".join(sorted({str(controller["type"]) for controller in found})) or "nothing"
         raise MismatchError(
-            f"{demos.path}: controllers {types} of {', '.join(demos.robots) or 'no robot'} in env_args; hints are "
-            "commands to one arm under OSC_POSE: record with that controller, or label rewards only (--no-hints)"
+            f"{demos.path}: controllers {types} of {', '.join(demos.robots) or 'no robot'} in env_args, but hints are "
+            "commands to one arm under OSC_POSE; record with that controller, or label rewards only (--no-hints)"
         )
     if arms[0].get("input_type", "delta") != "delta" or arms[0].get("control_delta", True) is not True:
         raise MismatchError(
-            f"{demos.path}: absolute actions; hints are deltas: use the data set with delta actions, or label rewards "
-            "only (--no-hints)"
+            f"{demos.path}: absolute actions, but hints are deltas; use the data set with delta actions, or label "
+            "rewards only (--no-hints)"
         )
     return arms[0]
 
 
 def _controllers(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Every arm's controller in robosuite's description, whose nesting changed from version to version."""
+    """Every arm's controller in robosuite's description, whose nesting differs between versions."""
     if isinstance(value, list):
         for part in value:
             yield from _controllers(part)
@@ -115,16 +117,13 @@ def _scale(demos: Demonstrations, controller: Mapping[str, Any]) -> ActionScale:
         least = np.broadcast_to(np.asarray(controller.get("output_min", -most), dtype=np.float64), 6)
         range_in = (float(controller.get("input_min", -1)), float(controller.get("input_max", 1)))
     except (TypeError, ValueError) as error:
-        raise MismatchError(f"{demos.path}: the controller's scale in env_args cannot be read: {error}") from error
+        raise MismatchError(
+            f"{demos.path}: the controller's scale in env_args cannot be read: {error}; correct env_args"
+        ) from error
     uniform = np.all(most[:3] == most[0]) and np.all(most[3:] == most[3]) and np.array_equal(least, -most)
     if not uniform or np.any(most <= 0) or range_in != (-1.0, 1.0):
         raise MismatchError(
-            f"{demos.path}: actions in {range_in} become {least.tolist()} to {most.tolist()}; hints need actions in "
-            "[-1, 1] and one symmetric scale for the position and one for the rotation"
+            f"{demos.path}: actions in {range_in} become {least.tolist()} to {most.tolist()}, but hints need actions "
+            "in [-1, 1] and one symmetric scale each for position and rotation; label rewards only (--no-hints)"
         )
     return ActionScale(float(most[0]), float(most[3]))
-
-
-def _from_1_5(version: str | None) -> bool:
-    numbers = re.match(r"v?(\d+)\.(\d+)", version or "")
-    return numbers is not None and (int(numbers[1]), int(numbers[2])) >= (1, 5)

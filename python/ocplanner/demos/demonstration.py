@@ -1,4 +1,4 @@
-"""One demonstration of a robomimic file, read when asked."""
+"""One demonstration of a robomimic file, read lazily."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from ocplanner.demos.layouts import Order, detect_order, rotation_from_quat_xyzw, split_object
+from ocplanner.demos.layouts import Order, detect_order, split_object
 from ocplanner.demos.recorded_task import carriers, object_of, recorded_task, segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
-from ocplanner.errors import DatasetError, ObjectLayoutError
+from ocplanner.errors import DatasetError, InvalidValueError, ObjectLayoutError
 from ocplanner.files.hdf5 import HDF5File
+from ocplanner.geometry.rotation import rotation_from_quat_xyzw
 
 
 class Recording(NamedTuple):
@@ -20,8 +21,8 @@ class Recording(NamedTuple):
     Attributes:
         env_name: robosuite's name of the environment.
         env_version: robosuite's version at recording, or None.
-        action_width: expected length of an action; None when the file does not say.
-        object_layout: the order that the user stated for ``object``, or None.
+        action_width: expected length of an action; None if the file does not say.
+        object_layout: the order of ``object`` that the user stated, or None.
     """
 
     env_name: str
@@ -31,7 +32,7 @@ class Recording(NamedTuple):
 
 
 class Demonstration:
-    """One demonstration; every property reads from the file when asked, and keeps only names and the length.
+    """One demonstration. Every property reads the file when it is used; only names and the length are kept.
 
     Attributes:
         name: such as ``demo_3``.
@@ -57,22 +58,17 @@ class Demonstration:
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """All attributes as stored (``num_samples``, ``model_file``, ...)."""
+        """All attributes as stored: ``num_samples``, ``model_file`` (the recorded MuJoCo XML), ..."""
         return self._file.attributes(f"data/{self.name}")
 
     @property
-    def model_file(self) -> str | None:
-        """The recorded MuJoCo XML, where the file embeds it."""
-        return self.attrs.get("model_file")
-
-    @property
     def states(self) -> np.ndarray:
-        """(T, D) flattened simulator states, each before the action of its row; free joints as xyz and wxyz."""
+        """(T, D) flattened simulator states, each before its row's action; free joints as xyz and wxyz."""
         return self._finite("states", dims=2)
 
     @property
     def actions(self) -> np.ndarray:
-        """(T, 7 arms) normalised OSC_POSE actions, of each arm the gripper's last (-1 opens, 1 closes)."""
+        """(T, 7 arms) normalised OSC_POSE actions; the last of each arm's 7 is the gripper's (-1 opens, 1 closes)."""
         actions = self._finite("actions", dims=2)
         width = self._recording.action_width
         if width is not None and actions.shape[1] != width:
@@ -86,37 +82,37 @@ class Demonstration:
 
     @property
     def dones(self) -> np.ndarray:
-        """(T,)."""
+        """(T,), 1 where the episode ends after the action."""
         return self._read("dones", dims=1)
 
     @cached_property
     def observation_keys(self) -> tuple[str, ...]:
-        """The names under ``obs``; empty when there are none."""
+        """The names under ``obs``; empty if there are none."""
         return self._file.names(self._key("obs"))
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras that it holds images of, as ``obs/<camera>_image``."""
+        """The cameras with images (``obs/<camera>_image``)."""
         return tuple(key.removesuffix("_image") for key in self.observation_keys if key.endswith("_image"))
 
     @cached_property
     def next_observation_keys(self) -> tuple[str, ...]:
-        """The names under ``next_obs``; empty when there are none."""
+        """The names under ``next_obs``; empty if there are none."""
         return self._file.names(self._key("next_obs"))
 
     def observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """``obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
+        """``obs/<key>`` as stored, (T, ...), or some of its rows (an index array must increase).
 
         Raises:
-            DatasetError: no such observation; the message lists those there are.
+            DatasetError: no such observation; the message lists the known ones.
         """
         return self._observed("obs", self.observation_keys, key, rows)
 
     def next_observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """``next_obs/<key>`` as stored, (T, ...), or only some rows of it (an index array must increase).
+        """``next_obs/<key>`` as stored, (T, ...), or some of its rows (an index array must increase).
 
         Raises:
-            DatasetError: no such observation; the message lists those there are.
+            DatasetError: no such observation; the message lists the known ones.
         """
         return self._observed("next_obs", self.next_observation_keys, key, rows)
 
@@ -124,7 +120,7 @@ class Demonstration:
         """(T, h, w, 3) uint8, upright.
 
         Raises:
-            DatasetError: no images of this camera; the message says how to render them.
+            DatasetError: no images of this camera; the message tells how to render them.
         """
         key = f"{camera}_image"
         if key not in self.observation_keys:
@@ -143,36 +139,35 @@ class Demonstration:
         return self.hand_positions(0)
 
     def hand_positions(self, arm: int) -> np.ndarray:
-        """(T, 3) end-effector (site) positions of a robot, world, metres."""
+        """(T, 3) end-effector (site) positions of the robot with this number, world, metres."""
         return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
 
     def carrier_actions(self, part: str) -> np.ndarray:
-        """:meth:`gripper_actions` of the arms that carry an object, or of the one that does a part of that."""
+        """:meth:`gripper_actions` of the arms that carry an object, or of the one arm of a part (``payload:0``)."""
         return self.gripper_actions(carriers(self._recording.env_name, part))
 
     def gripper_actions(self, arms: Sequence[int] = (0,)) -> np.ndarray:
-        """(T,) what grippers are told together: above 0 if any of them closes, below 0 if all open.
+        """(T,) the joint command to several grippers: above 0 if any of them closes, below 0 if all open.
 
         Args:
-            arms: numbers of the robots; those that carry an object, in a hand-over two, see
-                :attr:`ocplanner.envs.tasks.ObjectSpec.arms`.
+            arms: numbers of the robots.
 
         Raises:
-            DatasetError: the recording is of fewer arms.
+            DatasetError: the recording has fewer arms.
         """
         actions = self.actions
         width = 7 if actions.shape[1] % 7 == 0 else actions.shape[1]  # one arm under another controller than OSC_POSE
         columns = [width * (arm + 1) - 1 for arm in arms]
         if max(columns) >= actions.shape[1]:
-            fault = f"shape {actions.shape}, but arm {max(arms)} is asked for"
+            fault = f"shape {actions.shape}, too few for arm {max(arms)}"
             raise self._error("actions", fault, "record it with as many arms as the task needs")
         return actions[:, columns].max(axis=1)
 
     def object_layout(self) -> Order | None:
-        """The detected order of ``object``; None when the file has no such observation.
+        """The detected order of ``object``; None if the file has no such observation.
 
         Raises:
-            ObjectLayoutError: it cannot be told, or what there is contradicts itself.
+            ObjectLayoutError: the order cannot be determined, or the evidence is contradictory.
         """
         keys = self.observation_keys
         if "object" not in keys:
@@ -189,18 +184,23 @@ class Demonstration:
                 stated=self._recording.object_layout,
             )
         except ObjectLayoutError as error:
-            raise self._located(error) from error
+            raise ObjectLayoutError(f"{self._file.path}: {self._key('obs')}: {error}") from error
+        except InvalidValueError as error:
+            raise self._damaged_object(error) from error
 
     def object_poses(self, object_name: str) -> tuple[np.ndarray, np.ndarray]:
-        """World positions (T, 3) in metres and rotations (T, 3, 3) of an object, whatever the file's layout.
+        """World positions (T, 3) in metres and rotations (T, 3, 3), object -> world, for any layout of the file.
 
-        A part of what arms do with it stands for the object, see :func:`ocplanner.demos.recorded_task.object_of`.
-        Named sensors (``obs/SquareNut_pos``, ``obs/SquareNut_quat``) are used where they exist, else ``obs/object``.
+        They come from named sensors (``obs/SquareNut_pos``, ``obs/SquareNut_quat``) if the file has them, else from
+        ``obs/object``.
+
+        Args:
+            object_name: the object, or a part of what arms do with it (``payload:0``).
 
         Raises:
-            ObjectLayoutError: the layout cannot be told or contradicts the states.
+            ObjectLayoutError: the layout cannot be determined or contradicts the states.
             UnknownNameError: the task has no such object.
-            DatasetError: the file records no object at all.
+            DatasetError: the file has no pose of it, or a quaternion is zero.
         """
         keys, object_name = self.observation_keys, object_of(object_name)
         if {f"{object_name}_pos", f"{object_name}_quat"} <= set(keys):
@@ -214,17 +214,17 @@ class Demonstration:
             order = self.object_layout()
             if order is None:
                 known = ", ".join(keys) or "none"
-                remedy = f"extract it with robomimic's dataset_states_to_obs.py (observations there are: {known})"
+                remedy = f"extract it with robomimic's dataset_states_to_obs.py (the file has: {known})"
                 raise self._error("obs/object", f"no pose of {object_name} in this file", remedy)
             pose = split_object(self.observation("object"), self._recording.env_name, object_name, order)
         try:
-            rotations = rotation_from_quat_xyzw(pose[:, 3:].astype(np.float64))
-        except ObjectLayoutError as error:
-            raise self._located(error) from error
+            rotations = rotation_from_quat_xyzw(np.ascontiguousarray(pose[:, 3:], dtype=np.float64))
+        except InvalidValueError as error:
+            raise self._damaged_object(error) from error
         return pose[:, :3].astype(np.float64), rotations
 
     def manipulation(self, part: str | None = None) -> Segment:
-        """The steps that are kept of an object: those in which it is manipulated, by its task's own rule.
+        """The kept steps of an object: those in which it is manipulated, under its task's own rule.
 
         See :func:`ocplanner.demos.recorded_task.segment_rule` and
         :func:`ocplanner.demos.segments.manipulation_segment`.
@@ -241,16 +241,16 @@ class Demonstration:
 
     @property
     def object_names(self) -> tuple[str, ...]:
-        """The objects whose poses the task records; empty for a task that ocplanner does not know."""
+        """The objects whose poses the task records; empty for an unknown task."""
         task = recorded_task(self._recording.env_name)
         return () if task is None else task.objects
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Every array of the demonstration, by path (``actions``, ``obs/object``, ...): what a copy needs."""
+        """All arrays of the demonstration by path (``actions``, ``obs/object``, ...), for a copy."""
         return {path: self._file.read(self._key(path)) for path in self._file.arrays(f"data/{self.name}")}
 
     def copy_to(self, target: h5py.Group, name: str) -> None:
-        """Copy it, attributes included, to another open file: compressed data stay as they are."""
+        """Copy it with its attributes to another open file, without unpacking compressed data."""
         self._file.copy(f"data/{self.name}", target, name)
 
     def _key(self, key: str) -> str:
@@ -258,7 +258,7 @@ class Demonstration:
 
     def _observed(self, group: str, known: tuple[str, ...], key: str, rows: slice | np.ndarray) -> np.ndarray:
         if key not in known:
-            remedy = f"there are: {', '.join(known) or 'none'}"
+            remedy = f"the file has: {', '.join(known) or 'none'}"
             raise self._error(f"{group}/{key}", "no such observation", remedy)
         return self._read(f"{group}/{key}", rows=rows)
 
@@ -284,5 +284,6 @@ class Demonstration:
     def _error(self, key: str, fault: str, remedy: str) -> DatasetError:
         return self._file.error(self._key(key), fault, remedy)
 
-    def _located(self, error: ObjectLayoutError) -> ObjectLayoutError:
-        return ObjectLayoutError(f"{self._file.path}: {self._key('obs')}: {error}")
+    def _damaged_object(self, error: InvalidValueError) -> DatasetError:
+        remedy = "extract the observations again with robomimic's dataset_states_to_obs.py"
+        return self._error("obs", f"an object's pose is damaged ({error})", remedy)

@@ -1,8 +1,8 @@
-"""Where an object's pose stands inside robomimic's flat ``object`` observation.
+"""Where an object's pose is inside robomimic's flat ``object`` observation.
 
-robosuite concatenates all object sensors into one vector. Up to 1.4.1 the absolute pose of a nut or can came first,
-from 1.5 on the pose relative to the end effector does; both are 14 numbers, so mixing them up goes unnoticed. The
-order is therefore voted on by the recording's ``env_version`` and, independently, by the numbers themselves.
+robosuite concatenates all object sensors into one vector. Up to 1.4.1 the absolute pose of a nut or can comes first,
+from 1.5 on the pose relative to the end effector. Both have 14 numbers, so a mistake goes unnoticed. The order is
+therefore voted on by the recording's ``env_version`` and, independently, by the numbers themselves.
 
 Quaternions are xyzw in observations and wxyz in simulator states. The relative pose is that of the object in the end
 effector's frame (``robot0_eef_pos``, ``robot0_eef_quat``).
@@ -16,26 +16,28 @@ from typing import Literal
 import numpy as np
 
 from ocplanner.errors import ObjectLayoutError, UnknownNameError
+from ocplanner.geometry.rotation import angles_between, rotation_from_quat_xyzw
 
 Order = Literal["absolute-first", "relative-first"]
 ORDERS: tuple[Order, Order] = ("absolute-first", "relative-first")
 
-# Two estimates of one pose agree when their medians over the steps differ by less than this: recordings agree to
-# 1e-6, robosuite 1.5 lags by one control step (a few mm and hundredths of a radian), wrong orders are off by 0.1-1.
+# Two estimates of one pose agree if their median difference over the steps is below this. Recordings agree to 1e-6,
+# robosuite 1.5 lags by one control step (a few mm and hundredths of a radian), wrong orders are off by 0.1 to 1.
 _AGREE_POSITION = 0.01  # m
-_AGREE_ROTATION = 0.05  # 1 - |q.q'|
+_AGREE_ROTATION = 0.3176  # rad
 
 
 @dataclass(frozen=True)
 class TaskObjects:
-    """What the ``object`` vector of one robosuite environment holds.
+    """The contents of the ``object`` vector of one robosuite environment.
 
     Attributes:
         task: the name of the task in ocplanner and in the literature.
         objects: sensor prefixes (``SquareNut``), in the order of their blocks.
-        relative: per object a 14-number block with the relative pose, in either order; otherwise the vector begins
-            with one (position, quaternion) pair per object, followed by ``trailing`` other numbers.
-        trailing: numbers after the poses when ``relative`` is false.
+        relative: whether each object has a block of 14 numbers, its absolute and its relative pose in either order.
+            Otherwise the vector begins with position and quaternion of each object, and ``trailing`` other numbers
+            follow.
+        trailing: numbers after the poses if ``relative`` is false.
     """
 
     task: str
@@ -62,30 +64,12 @@ TASK_OBJECTS: Mapping[str, TaskObjects] = {
 }
 
 
-def rotation_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3), body -> world, of quaternions (..., 4) in xyzw order; normalises them.
-
-    Raises:
-        ObjectLayoutError: a quaternion is zero or not finite.
-    """
-    norm = np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
-    if not np.all(np.isfinite(norm)) or np.any(norm < 1e-6):
-        raise ObjectLayoutError("an object quaternion is zero or not finite; the `object` observation is damaged")
-    x, y, z, w = np.moveaxis(quat_xyzw / norm, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def split_object(object_state: np.ndarray, env_name: str, object_name: str, order: Order) -> np.ndarray:
     """The absolute pose of one object, (T, 7): world position (m), quaternion xyzw.
 
     Raises:
         UnknownNameError: the environment holds no such object.
-        ObjectLayoutError: the environment is unknown or the width is not the one it records.
+        ObjectLayoutError: the environment is unknown, or the vector has another width.
     """
     task = _task_objects(object_state, env_name)
     if object_name not in task.objects:
@@ -97,16 +81,20 @@ def split_object(object_state: np.ndarray, env_name: str, object_name: str, orde
     return object_state[:, start : start + 7]
 
 
-def order_from_version(env_version: str | None) -> Order | None:
-    """The order that a robosuite version writes; None when the version is missing or unreadable."""
+def is_from_1_5(env_version: str | None) -> bool | None:
+    """Whether a version of robosuite is 1.5 or later; None if it is missing or unreadable."""
     numbers = re.match(r"v?(\d+)\.(\d+)", env_version or "")
-    if numbers is None:
-        return None
-    return "absolute-first" if (int(numbers[1]), int(numbers[2])) < (1, 5) else "relative-first"
+    return None if numbers is None else (int(numbers[1]), int(numbers[2])) >= (1, 5)
+
+
+def order_from_version(env_version: str | None) -> Order | None:
+    """The order that a version of robosuite writes; None if the version is missing or unreadable."""
+    modern = is_from_1_5(env_version)
+    return None if modern is None else ORDERS[modern]
 
 
 def order_from_relative_pose(block: np.ndarray, eef_pos: np.ndarray, eef_quat_xyzw: np.ndarray) -> Order | None:
-    """The order in which the one half of a 14-number block is the other as the end effector sees it.
+    """The order in which one half of a 14-number block is the other half relative to the end effector.
 
     Args:
         block: (T, 14), two poses as position and quaternion xyzw.
@@ -114,9 +102,9 @@ def order_from_relative_pose(block: np.ndarray, eef_pos: np.ndarray, eef_quat_xy
         eef_quat_xyzw: (T, 4).
 
     Returns:
-        None when neither order fits, or both do.
+        None if neither order fits, or both do.
     """
-    rotation_eef = rotation_from_quat_xyzw(eef_quat_xyzw)
+    rotation_eef = _rotations(eef_quat_xyzw)
     first, second = block[:, :7], block[:, 7:]
     fits = [
         _is_relative(absolute, relative, eef_pos, rotation_eef)
@@ -126,7 +114,7 @@ def order_from_relative_pose(block: np.ndarray, eef_pos: np.ndarray, eef_quat_xy
 
 
 def find_in_states(pose_xyzw: np.ndarray, states: np.ndarray, tolerance: float = 1e-3) -> int | None:
-    """The column of ``states`` (T, D) at which a free joint holds this pose (T, 7) as xyz and wxyz; None if nowhere."""
+    """The column of ``states`` (T, D) where a free joint has this pose (T, 7), as xyz and wxyz; or None."""
     steps = min(len(states), len(pose_xyzw))
     rows = np.unique(np.linspace(0, steps - 1, min(steps, 64), dtype=int))
     pose, states = pose_xyzw[rows], states[rows]
@@ -152,10 +140,10 @@ def detect_order(
     states: np.ndarray | None = None,
     stated: Order | None = None,
 ) -> Order:
-    """The order of an ``object`` observation, from every witness there is; they must not contradict each other.
+    """The order of an ``object`` observation, from all available witnesses, which must not contradict each other.
 
-    Witnesses: the recording's version (or ``stated``, which replaces it), the relative pose recomputed from the end
-    effector, and the simulator states, in one of whose free joints the absolute pose must be found.
+    Witnesses are the recording's version (or ``stated``, which replaces it), the relative pose recomputed from the end
+    effector, and the simulator states, one of whose free joints must have the absolute pose.
 
     Args:
         object_state: (T, D).
@@ -164,10 +152,11 @@ def detect_order(
         eef_pos: (T, 3) or None.
         eef_quat_xyzw: (T, 4) or None.
         states: (T, S) or None.
-        stated: the order that the user says it is.
+        stated: the order that the user states.
 
     Raises:
         ObjectLayoutError: witnesses contradict each other, or there is none.
+        InvalidValueError: a quaternion is zero.
     """
     task = _task_objects(object_state, env_name)
     if not task.relative:
@@ -197,14 +186,14 @@ def detect_order(
             return order
     if not cast:
         raise ObjectLayoutError(
-            f"the order of the {object_state.shape[1]} numbers in `object` of {env_name} cannot be told: env_version "
-            f"is {env_version!r}, and neither states nor an end-effector pose settle it; "
-            "say it with object_layout='absolute-first' (robosuite up to 1.4.1) or 'relative-first' (from 1.5)"
+            f"the order of the {object_state.shape[1]} numbers in `object` of {env_name} is unknown: env_version is "
+            f"{env_version!r}, and neither states nor an end-effector pose settle it; state it with "
+            "object_layout='absolute-first' (robosuite up to 1.4.1) or 'relative-first' (from 1.5)"
         )
     said = "; ".join(f"{witness} says {order}" for witness, order in cast.items())
     raise ObjectLayoutError(
-        f"the order of `object` of {env_name} is contradictory: {said}. If the numbers were extracted by another "
-        "robosuite version than env_version says, correct env_version or state object_layout yourself"
+        f"the order of `object` of {env_name} is contradictory: {said}. If another robosuite version than env_version "
+        "extracted the numbers, correct env_version or state object_layout"
     )
 
 
@@ -212,7 +201,7 @@ def _task_objects(object_state: np.ndarray, env_name: str) -> TaskObjects:
     task = TASK_OBJECTS.get(env_name)
     if task is None:
         known = ", ".join(sorted(TASK_OBJECTS))
-        raise ObjectLayoutError(f"the layout of `object` is not known for environment {env_name!r}; known: {known}")
+        raise ObjectLayoutError(f"the layout of `object` is unknown for environment {env_name!r}; known: {known}")
     if object_state.ndim != 2 or object_state.shape[1] != task.width:
         raise ObjectLayoutError(
             f"`object` of {env_name} has shape {object_state.shape}, expected (steps, {task.width}); "
@@ -226,17 +215,20 @@ def _is_relative(absolute: np.ndarray, relative: np.ndarray, eef_pos: np.ndarray
     position_off = np.median(np.linalg.norm(offset - relative[:, :3], axis=1))
     if not position_off < _AGREE_POSITION:
         return False
-    # The first observation after a reset may hold zeros (robosuite 1.5): the medians do not see it.
+    # robosuite 1.5 may write zeros in the first observation after a reset; the medians do not see it.
     norm = np.linalg.norm(relative[:, 3:], axis=1, keepdims=True)
-    rotation_relative = rotation_from_quat_xyzw(np.where(norm < 1e-6, [0.0, 0.0, 0.0, 1.0], relative[:, 3:]))
-    expected = np.einsum("tji,tjk->tik", rotation_eef, rotation_from_quat_xyzw(absolute[:, 3:]))
-    cosine = (np.einsum("tij,tij->t", expected, rotation_relative) - 1) / 2
-    return bool(np.median(1 - cosine) < _AGREE_ROTATION)
+    rotation_relative = _rotations(np.where(norm < 1e-6, [0.0, 0.0, 0.0, 1.0], relative[:, 3:]))
+    expected = np.einsum("tji,tjk->tik", rotation_eef, _rotations(absolute[:, 3:]))
+    return bool(np.median(angles_between(expected, rotation_relative)) < _AGREE_ROTATION)
+
+
+def _rotations(quat_xyzw: np.ndarray) -> np.ndarray:
+    return rotation_from_quat_xyzw(np.ascontiguousarray(quat_xyzw, dtype=np.float64))
 
 
 def _states_message(task: TaskObjects, what: str) -> str:
     return (
-        f"`object` does not belong to `states`: {what} of {task.objects[0]}'s block is in no free joint of the states. "
-        "The file is damaged or its observations were extracted from other states; extract them again with "
+        f"`object` does not belong to `states`: no free joint of the states has {what} of {task.objects[0]}'s block. "
+        "The file is damaged, or its observations were extracted from other states; extract them again with "
         "robomimic's dataset_states_to_obs.py"
     )

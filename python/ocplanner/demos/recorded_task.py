@@ -1,4 +1,4 @@
-"""Which task an environment's recordings show, and which objects' poses they hold."""
+"""What recordings of an environment show: the task, its objects, and which steps count as manipulating each."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,10 +11,13 @@ from ocplanner.errors import UnknownNameError
 
 
 class RecordedTask(NamedTuple):
-    """Our name of a task, its objects as the sensors are called, the main one first, and their parts.
+    """The task that recordings show.
 
-    The parts are what planners are called: an object, or what one arm does with one that several carry, see
-    :attr:`ocplanner.envs.tasks.ObjectSpec.parts`.
+    Attributes:
+        name: ours, such as ``Square``.
+        objects: the objects' names, which are also the prefixes of their sensors; the main one first.
+        parts: what planners are trained for: an object, or what one arm does with an object that several carry, see
+            :attr:`ocplanner.envs.tasks.ObjectSpec.parts`.
     """
 
     name: str
@@ -23,9 +26,9 @@ class RecordedTask(NamedTuple):
 
 
 def recorded_task(env_name: str) -> RecordedTask | None:
-    """What recordings of a robosuite environment show; None for one that nothing here knows.
+    """What recordings of a robosuite environment show; None for an unknown environment.
 
-    An environment without a layout of its flat ``object`` is known by its task: each pose is recorded by name.
+    An environment is known by the layout of its flat ``object``, or by a task, whose poses are recorded by name.
     """
     layout = TASK_OBJECTS.get(env_name)
     if layout is not None:
@@ -38,16 +41,16 @@ def recorded_task(env_name: str) -> RecordedTask | None:
 
 
 def object_of(part: str) -> str:
-    """The object of which a part is handled."""
+    """The object that a part belongs to: ``payload`` of ``payload:0``."""
     return part.partition(PART)[0]
 
 
 def segment_rule(env_name: str, part: str) -> SegmentRule:
-    """What counts as the manipulation of an object, or of a part of it.
+    """What counts as the manipulation of an object, or of one arm's part of it.
 
-    Of an object that is led through each pose of a plan, the last kept pose is the one in which it is let go of: those
-    after it, in which it falls, are not for a hand to lead it through. An arm that hands the object over has done its
-    part when it holds it still for the next one.
+    If an object is led through each pose of a plan, the last kept pose is the one at the release: the object falls
+    through those after it, and no hand could lead it there. The part of an arm that hands the object over ends when
+    the arm holds the object still for the next one.
     """
     spec = _object(env_name, object_of(part))
     if spec is not None and part in spec.parts[:-1]:
@@ -56,7 +59,7 @@ def segment_rule(env_name: str, part: str) -> SegmentRule:
 
 
 def carriers(env_name: str, part: str) -> tuple[int, ...]:
-    """Numbers of the arms that carry an object, or do a part of that, in order; the first if nothing here knows."""
+    """Numbers of the arms that carry an object, in order, or of the one arm of a part; (0,) for an unknown object."""
     spec = _object(env_name, object_of(part))
     if spec is None:
         return (0,)

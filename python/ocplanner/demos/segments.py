@@ -1,6 +1,6 @@
 """The part of a demonstration in which the robot manipulates the object: from grasp to release.
 
-The planner learns from these frames only (the paper's preprocessing). Before them the object rests, or settles after
+The planner learns only from these frames (the paper's preprocessing). Before them the object rests, or settles after
 it was dropped into the scene; after them it is free again.
 """
 
@@ -10,17 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError
+from ocplanner.geometry.rotation import angles_between
 
 
 class Segment(NamedTuple):
-    """Steps of a demonstration; ``states[start:stop]`` are kept.
+    """Steps of a demonstration, of which ``[start:stop]`` are kept.
 
     Attributes:
         start: first kept step, a few before the onset.
         stop: one past the last kept step, a few after the release.
         onset: the step from which the grasped object moves.
-        release: the step whose action opens the gripper for good, or, without gripper actions, the last step in which
-            the object moves.
+        release: the step whose action opens the gripper for the last time, or, without gripper actions, the last step
+            in which the object moves.
     """
 
     start: int
@@ -41,14 +42,14 @@ class SegmentRule:
     Attributes:
         before: steps kept before the onset.
         after: steps kept after the release.
-        moving: the object moves when it covers more than this in one step (m)...
-        turning: ...or turns by more than this (rad)...
-        sustained: ...in so many steps running.
-        resting: below this (m a step, rad a step) the object has settled.
-        settling: the object may settle for at most so many steps at the start.
-        carried: a closed gripper that shifted the object by this (m, horizontally) carried it...
-        lifted: ...as did one that raised it by this (m). A fall is neither.
-        at_rest: the manipulation ends when the object comes to rest for good, not when the gripper opens.
+        moving: the object moves if it covers more than this distance in a step (m)...
+        turning: ...or turns by more than this angle (rad)...
+        sustained: ...in so many consecutive steps.
+        resting: the object has settled if it moves by less than this in a step (m, rad).
+        settling: the object settles for at most so many steps at the start.
+        carried: a closed gripper carried the object if it shifted it horizontally by more than this (m)...
+        lifted: ...or raised it by more than this (m). A fall is neither.
+        at_rest: whether the manipulation ends when the object comes to rest for good, not when the gripper opens.
     """
 
     before: int = 4
@@ -74,20 +75,20 @@ def manipulation_segment(
 ) -> Segment:
     """Find the steps from grasp to release.
 
-    With gripper actions: of all spans in which the gripper is closed, those that carry or lift the object count; the
-    segment begins where the object starts to move in the first of them and ends where the last of them opens, so that
-    bumps before the grasp, a missed grasp, and a gripper closed again after the release are left out. Without them:
-    from the first sustained motion after the settling to the last.
+    With gripper actions, the spans count in which the closed gripper carries or lifts the object. The segment begins
+    where the object starts to move in the first of these spans and ends where the last of them opens. This leaves out
+    bumps before the grasp, missed grasps, and a gripper that closes again after the release. Without gripper actions,
+    the segment spans from the first sustained motion after the settling to the last.
 
     Args:
         object_positions: (T, 3) world, metres.
         object_rotations: (T, 3, 3), object -> world.
-        gripper_actions: (T,), above 0 closes and below 0 opens, 0 keeps; or None.
+        gripper_actions: (T,), above 0 closes, below 0 opens, 0 changes nothing; or None.
         rule: thresholds.
 
     Raises:
         ShapeError: the arrays do not fit together.
-        InvalidValueError: a number is not finite.
+        InvalidValueError: a number is not finite, or a matrix is not a rotation.
         DatasetError: the object is never manipulated.
     """
     steps = _check(object_positions, object_rotations, gripper_actions)
@@ -113,7 +114,7 @@ def manipulation_segment(
     release = spans[-1][1]
     if rule.at_rest:
         release = int(np.flatnonzero(moves[:release])[-1])
-    elif gripper_actions is None or release == steps - 1:  # never opened: the last motion ends the manipulation
+    elif gripper_actions is None or release == steps - 1:  # never opened: the manipulation ends with the last motion
         release = int(np.flatnonzero(moves)[-1])
     start = max(settled, onset - rule.before)
     return Segment(start, min(steps, release + rule.after + 1), onset, release)
@@ -129,27 +130,25 @@ def _check(positions: np.ndarray, rotations: np.ndarray, gripper: np.ndarray | N
         raise DatasetError(f"{steps} step(s) are too few to find a manipulation in; leave this demonstration out")
     for name, array in (("positions", positions), ("rotations", rotations), ("gripper actions", gripper)):
         if array is not None and not np.all(np.isfinite(array)):
-            raise InvalidValueError(f"the object's {name} hold NaN or infinity")
+            raise InvalidValueError(f"the object's {name} contain NaN or infinity; leave this demonstration out")
     return steps
 
 
 def _step_motion(positions: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (m) and angle (rad) covered from step t to t + 1; (T,), the last one zero."""
+    """Distance (m) and angle (rad) from step t to t + 1; both (T,), the last one zero."""
     speed = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    # |R' - R|_F = 2 sqrt(2) sin(angle / 2): exact near zero, where the arc cosine of the trace is not.
-    chord = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2)) / (2 * np.sqrt(2))
-    turn = 2 * np.arcsin(np.clip(chord, 0, 1))
+    turn = angles_between(rotations[:-1], rotations[1:])
     return np.append(speed, 0.0), np.append(turn, 0.0)
 
 
 def _settled(speed: np.ndarray, turn: np.ndarray, rule: SegmentRule) -> int:
-    """The first step at rest; 0 when the object does not come to rest soon."""
+    """The first step at rest; 0 if the object does not come to rest soon."""
     resting = np.flatnonzero((speed < rule.resting) & (turn < rule.resting))
     return int(resting[0]) if len(resting) and resting[0] <= rule.settling else 0
 
 
 def _sustained(moving: np.ndarray, run: int) -> np.ndarray:
-    """Keep the true entries that stand in runs of at least ``run``."""
+    """Keep the true entries in runs of at least ``run``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(np.int8), [0]])))
     kept = np.zeros_like(moving)
     for begin, end in edges.reshape(-1, 2):
@@ -158,7 +157,7 @@ def _sustained(moving: np.ndarray, run: int) -> np.ndarray:
 
 
 def _closed_spans(gripper: np.ndarray) -> list[tuple[int, int]]:
-    """(first closing step, step of the opening action or the last step) of every span with a closed gripper."""
+    """(first closing step, step of the opening action or the last step) of each span with a closed gripper."""
     spans: list[tuple[int, int]] = []
     close: int | None = None
     for step, action in enumerate(gripper):

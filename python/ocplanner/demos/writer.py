@@ -1,9 +1,9 @@
-"""Writing robomimic HDF5 files so that a kill at any moment loses at most the demonstration in flight.
+"""Writing robomimic HDF5 files so that a kill at any moment loses at most one unfinished demonstration.
 
-An HDF5 file that is open for writing when its process dies is lost as a whole. Each demonstration is therefore first a
-small file of its own in the folder ``<target>.parts``, written beside and renamed; only when all are there are they
-copied, block by block, into the target, which appears complete or not at all. Each carries its SHA-256 at its end,
-which HDF5 does not mind: one that was damaged since is refused when an interrupted writer is resumed.
+If a process dies while it writes an HDF5 file, the whole file is lost. Each demonstration is therefore first written to
+a small file of its own in the folder ``<target>.parts`` (under a temporary name, then renamed). When all are there,
+they are copied block by block into the target, which appears complete or not at all. Each part ends with its SHA-256,
+which HDF5 ignores: an interrupted writer does not resume from a part that was damaged since.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ _BIG_FROM_DIMS = 3  # arrays with so many dimensions hold images: one chunk a fr
 
 
 class DatasetWriter:
-    """Collects demonstrations into one robomimic file; a context manager that can be stopped and resumed.
+    """Collects demonstrations into one robomimic file; a context manager that can be interrupted and resumed.
 
     >>> with DatasetWriter(path, env_args) as writer:                                    # doctest: +SKIP
     ...     for demo in demos:
@@ -37,18 +37,18 @@ class DatasetWriter:
     ...     writer.finish({"train": names})
 
     Args:
-        path: the file to make; it appears at :meth:`finish`.
+        path: the file to make; :meth:`finish` makes it.
         env_args: robomimic's description of the environment.
         data_attrs: further attributes of ``data`` (``ocplanner_render``, ...): text and numbers.
-        resume: continue what an interrupted writer with the same ``env_args`` and ``data_attrs`` left; otherwise
-            discard it.
-        overwrite: replace a file that exists at ``path``.
-        durable: each demonstration survives a power cut, not only a kill. Without, one that it damaged is refused when
-            the writer is resumed; the finished file is safe either way.
+        resume: continue from the parts of an interrupted writer with the same ``env_args`` and ``data_attrs``; if
+            False, discard them.
+        overwrite: replace an existing file at ``path``.
+        durable: whether each demonstration survives a power cut, not only a kill. If False, a part that a power cut
+            damaged is reported when the writer resumes; the finished file is safe in both cases.
 
     Raises:
-        OutputError: ``path`` exists, another process writes it, the folder is not writable, or an interrupted writer
-            left demonstrations that are damaged or made with other settings.
+        OutputError: ``path`` exists, another process is writing it, the folder is not writable, or the parts of an
+            interrupted writer are damaged or were made with other settings.
     """
 
     def __init__(
@@ -82,20 +82,20 @@ class DatasetWriter:
 
     @property
     def done(self) -> tuple[str, ...]:
-        """The demonstrations that are safely on disk, in natural order."""
+        """The names of the demonstrations that are safely on disk, in natural order."""
         return tuple(sorted((part.stem for part in self.parts.glob("*.hdf5")), key=natural_key))
 
     def add(self, name: str, arrays: Mapping[str, np.ndarray], attrs: Mapping[str, Any] | None = None) -> None:
-        """Store one demonstration; when this returns it survives a kill.
+        """Store one demonstration. From the return on it survives a kill.
 
         Args:
-            name: such as ``demo_3``; a demonstration of this name is replaced.
-            arrays: by path (``actions``, ``states``, ``obs/agentview_image``, ...), all with the steps as their first
-                dimension; ``actions`` must be there.
-            attrs: attributes of the demonstration; ``num_samples`` is set from ``actions``.
+            name: such as ``demo_3``; an earlier demonstration of this name is replaced.
+            arrays: by path (``actions``, ``states``, ``obs/agentview_image``, ...); the first dimension of each counts
+                the steps, and ``actions`` is required.
+            attrs: attributes of the demonstration; ``num_samples`` is added.
 
         Raises:
-            DatasetError: the name or the arrays are not fit for a demonstration.
+            DatasetError: the name is not allowed, or the arrays do not fit together.
             OutputError: the disk is full or the folder is gone.
         """
         steps = _check(name, arrays)
@@ -105,12 +105,12 @@ class DatasetWriter:
             _store(group, arrays)
 
     def add_copy(self, demo: Demonstration, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store a copy of another file's demonstration, with arrays added to it or put in place of its own.
+        """Store a copy of another file's demonstration with added or replaced arrays.
 
-        What is copied stays packed as it is, so this costs neither time nor memory for images.
+        Compressed data are copied as they are, so that images cost neither time nor memory.
 
         Args:
-            demo: the demonstration, under whose name it is stored.
+            demo: the demonstration; the copy has the same name.
             arrays: by path, as for :meth:`add`.
 
         Raises:
@@ -128,14 +128,14 @@ class DatasetWriter:
             _store(group, arrays)
 
     def finish(self, masks: Mapping[str, Sequence[str]] | None = None, names: Sequence[str] | None = None) -> Path:
-        """Put the demonstrations together into the target file, with bounded memory, and remove the parts.
+        """Copy the demonstrations into the target file, with bounded memory, and remove the parts.
 
         Args:
             masks: lists of demonstration names under ``mask/``.
-            names: the demonstrations to keep; all that are done when None.
+            names: the demonstrations to keep; all in :attr:`done` if None.
 
         Raises:
-            DatasetError: a name is not done, or there is none.
+            DatasetError: a named demonstration is missing, or there is none.
             OutputError: the disk is full or the folder is gone.
         """
         done = self.done
@@ -143,7 +143,8 @@ class DatasetWriter:
         absent = sorted({*names, *(name for mask in (masks or {}).values() for name in mask)} - set(done))
         if absent or not names:
             raise DatasetError(
-                f"{self.path}: cannot be finished: {', '.join(absent[:3]) or 'no demonstration'} not done"
+                f"{self.path}: cannot be finished without {', '.join(absent[:3]) or 'any demonstration'}; add what is "
+                "missing first"
             )
         with _saving(self.path), atomic_write(self.path) as temporary, _create(temporary) as file:
             data = file.create_group("data")
@@ -160,20 +161,20 @@ class DatasetWriter:
         return self.path
 
     def close(self) -> None:
-        """Let go of the output; what was added stays for a later writer to resume."""
+        """Release the output; a later writer can resume from what was added."""
         self._resources.close()
 
     def __enter__(self) -> Self:
-        """The writer holds its output since it was made."""
+        """The writer has locked its output since it was made."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go of the output."""
+        """Release the output."""
         self.close()
 
     @contextlib.contextmanager
     def _part(self, name: str) -> Iterator[h5py.File]:
-        """A new file for one demonstration, which appears when the block ends."""
+        """A new file for one demonstration; it appears when the block ends."""
         with _saving(self.path), atomic_write(self.parts / f"{name}.hdf5", self._durable) as temporary:
             with _create(temporary) as file:
                 yield file
@@ -184,13 +185,13 @@ class DatasetWriter:
         try:
             found = json.loads(header.read_text(encoding="utf-8"))
             if not isinstance(found, dict):
-                raise ValueError(f"it holds {type(found).__name__}")
+                raise ValueError(f"{type(found).__name__} instead of an object")
         except (OSError, ValueError) as error:
             raise OutputError(f"{header} is damaged ({error}); delete {self.parts} and start again") from error
         return found
 
     def _finished(self) -> bool:
-        """Whether the parts are leftovers: a kill came between the target's appearance and their removal."""
+        """Whether the parts are leftovers, because a kill came between the target's appearance and their removal."""
         if not self.parts.is_dir():
             return False
         if not (self.parts / _HEADER).exists():
@@ -208,7 +209,7 @@ class DatasetWriter:
             if found != self._attrs:
                 differing = sorted(key for key in {*found, *self._attrs} if found.get(key) != self._attrs.get(key))
                 raise OutputError(
-                    f"{self.parts} holds demonstrations made with another {', '.join(differing)}; "
+                    f"{self.parts} has demonstrations made with another {', '.join(differing)}; "
                     "run with the settings as before, delete that folder, or choose another output"
                 )
             damaged = [str(part) for part in sorted(self.parts.glob("*.hdf5")) if not sealed(part)]
@@ -224,12 +225,12 @@ class DatasetWriter:
         atomic_json(header, self._attrs)
 
     def _discard_nothing(self) -> None:
-        """Leave no folder without a demonstration behind."""
+        """Remove the folder if it has no demonstration."""
         if self.parts.is_dir() and not self.done:
             self._discard_parts()
 
     def _discard_parts(self) -> None:
-        # Without its header the folder is void: a kill in the midst leaves nothing that could be resumed by mistake.
+        # Without its header the folder counts as empty, so that a kill here leaves nothing to resume by mistake.
         with _saving(self.parts):
             (self.parts / _HEADER).unlink(missing_ok=True)
             shutil.rmtree(self.parts)
@@ -237,12 +238,12 @@ class DatasetWriter:
 
 def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:
     if not _NAME.fullmatch(name):
-        raise DatasetError(f"{name!r} is no name for a demonstration; use letters, digits, '_', '.' and '-'")
+        raise DatasetError(f"{name!r} cannot name a demonstration; use letters, digits, '_', '.' and '-'")
     if "actions" not in arrays:
-        raise DatasetError(f"{name}: no actions among {', '.join(arrays) or 'nothing'}")
+        raise DatasetError(f"{name}: no actions among its arrays ({', '.join(arrays) or 'none'}); add them")
     steps = len(arrays["actions"])
     if steps == 0:
-        raise DatasetError(f"{name}: no steps")
+        raise DatasetError(f"{name}: no steps; leave it out")
     for key, array in arrays.items():
         if array.ndim == 0 or len(array) != steps:
             raise DatasetError(f"{name}: {key} has shape {array.shape}, but there are {steps} actions")
@@ -261,8 +262,9 @@ def _store(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 class _RememberingFile(io.FileIO):
-    """A file that remembers the first failed write and swallows it: HDF5 drops errors that strike while it closes a
-    data set, and may crash on a file whose metadata it could not write.
+    """A file that swallows the first failed write and remembers it.
+
+    HDF5 ignores errors while it closes a data set, and may crash on a file whose metadata it could not write.
     """
 
     failure: OSError | None = None
@@ -280,7 +282,11 @@ class _RememberingFile(io.FileIO):
 
 @contextlib.contextmanager
 def _create(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file, at the end of the block written as a whole, or OSError."""
+    """A new HDF5 file.
+
+    Raises:
+        OSError: at the end of the block, if any write failed.
+    """
     with _RememberingFile(str(path), "r+") as raw:
         try:
             with h5py.File(raw, "w") as file:
@@ -292,7 +298,7 @@ def _create(path: Path) -> Iterator[h5py.File]:
 
 @contextlib.contextmanager
 def _saving(path: Path) -> Iterator[None]:
-    """HDF5 reports a full disk as RuntimeError or OSError, depending on where it strikes."""
+    """Turn a failed write into :class:`OutputError`; HDF5 reports a full disk as RuntimeError or OSError."""
     try:
         yield
     except (OSError, RuntimeError) as error:

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from ocplanner.envs.environment import make_env
 from ocplanner.errors import UnknownNameError
-from ocplanner.geometry.pose import Pose
+from ocplanner.geometry.rotation import rotation_to_6d
 
 _FARTHEST_M = 20.0
 _WIDEST_M = 0.5
@@ -113,11 +113,7 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         poses = {f"eef{number}": arm.eef_pose() for number, arm in zip(self._numbers, self.env.arms)}
         for name, pose in {"object": self.env.object_pose(), **poses}.items():
             found[f"{name}_position"] = np.clip(pose.position, -_FARTHEST_M, _FARTHEST_M).astype(np.float32)
-            found[f"{name}_rot6d"] = _rot6d(pose)
+            found[f"{name}_rot6d"] = np.clip(rotation_to_6d(pose.rotation), -1.0, 1.0).astype(np.float32)
         for number, arm in zip(self._numbers, self.env.arms):
             found[f"gripper{number}_opening"] = np.clip([arm.gripper_opening], 0.0, _WIDEST_M).astype(np.float32)
         return found
-
-
-def _rot6d(pose: Pose) -> np.ndarray:
-    return np.clip(pose.rotation[:, :2].T.flatten(), -1.0, 1.0).astype(np.float32)

@@ -17,9 +17,14 @@ rotation_log = _core.rotation_log
 rotation_to_6d = _core.rotation_to_6d
 
 
+def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angles (...) between rotations of the same shape (..., 3, 3), radians in [0, pi]."""
+    return _core.geodesic_angle(np.ascontiguousarray(a), np.ascontiguousarray(b))
+
+
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Angle between two rotations (3, 3), radians in [0, pi]."""
-    return float(_core.geodesic_angle(np.ascontiguousarray(a), np.ascontiguousarray(b)))
+    return float(angles_between(a, b))
 
 
 def yaw_rotation(angle: float) -> np.ndarray:
