@@ -3,15 +3,18 @@ import tyro
 
 from ocplanner.cli import main
 from ocplanner.cli.train_planner import TrainPlanner
-from ocplanner.planner.config import preset
+from ocplanner.planner.config import PlannerTraining, preset
 
 
-def parsed(*flags: str) -> TrainPlanner:
-    return tyro.cli(TrainPlanner, args=["--data", "d.hdf5", "--run", "r", *flags])
+def parsed(*flags: str) -> PlannerTraining:
+    return tyro.cli(
+        TrainPlanner, args=["--data", "d.hdf5", "--run", "r", *flags], default=TrainPlanner.defaults(flags)
+    ).training
 
 
 def test_the_defaults_are_the_preset():
-    assert parsed().configuration() == preset("cpu")
+    assert parsed() == preset("cpu")
+    assert parsed("--preset", "robomimic") == parsed("--preset=robomimic") == preset("robomimic")
 
 
 def test_the_help_names_the_steps_of_both_presets(capsys):
@@ -21,14 +24,14 @@ def test_the_help_names_the_steps_of_both_presets(capsys):
     for stage in ("vae", "predictor", "finetune"):
         steps = [getattr(preset(name), stage).steps for name in ("cpu", "robomimic")]
         assert f"Default: cpu {steps[0]}, robomimic {steps[1]}." in said
-    assert f"Default: {preset('cpu').loss.kl}." in said
+    assert f"(default: {preset('cpu').loss.kl})" in said
 
 
 def test_flags_reach_the_configuration():
     flags = (
         "--horizon 50 --outputs position --observe no-robot --seed 2 --modes 3 --latent-loss kl --c-rot 2 --threads 2"
     )
-    config = parsed(*flags.split(), "--predictor-steps", "7", "--cameras", "a", "b").configuration()
+    config = parsed(*flags.split(), "--predictor-steps", "7", "--cameras", "a", "b")
     assert (config.network.horizon, config.network.outputs, config.network.modes) == (50, "position", 3)
     assert (config.observe, config.seed, config.cameras, config.threads) == ("no-robot", 2, ("a", "b"), 2)
     assert (config.loss.latent, config.loss.rotation, config.loss.position) == ("kl", 2.0, 1.0)
@@ -37,9 +40,9 @@ def test_flags_reach_the_configuration():
 
 
 def test_the_encoder_can_be_chosen_apart_from_the_preset():
-    assert parsed("--encoder", "resnet18").configuration().network.encoder == preset("robomimic").network.encoder
-    assert parsed("--preset", "robomimic", "--encoder", "small").configuration().network.encoder.type == "small"
-    chosen = parsed("--channels", "8", "16", "--pool", "spatial_softmax").configuration().network.encoder
+    assert parsed("--encoder", "resnet18").network.encoder == preset("robomimic").network.encoder
+    assert parsed("--preset", "robomimic", "--encoder", "small").network.encoder.type == "small"
+    chosen = parsed("--channels", "8", "16", "--pool", "spatial_softmax").network.encoder
     assert (chosen.channels, chosen.pool, chosen.type) == ((8, 16), "spatial_softmax", "small")
 
 

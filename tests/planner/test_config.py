@@ -10,9 +10,8 @@ from ocplanner.planner.config import (
     NetworkConfig,
     PlannerTraining,
     preset,
-    to_dict,
-    training_from_dict,
 )
+from ocplanner.settings import build, to_dict
 from ocplanner.training.schedule import StageConfig
 
 
@@ -20,7 +19,7 @@ from ocplanner.training.schedule import StageConfig
 def test_presets_survive_a_round_trip(name):
     config = preset(name)
     assert config.preset == name
-    assert training_from_dict(to_dict(config)) == config
+    assert build(PlannerTraining, to_dict(config)) == config
 
 
 def test_the_robomimic_preset_is_robomimics_encoder():
@@ -68,7 +67,7 @@ def test_numbers_outside_their_domain(kind, values):
 
 def test_unknown_keys_are_named():
     with pytest.raises(InvalidValueError, match="horzion"):
-        training_from_dict({"network": {"horzion": 5}})
+        build(PlannerTraining, {"network": {"horzion": 5}})
 
 
 def test_configurations_are_frozen():

@@ -1,12 +1,10 @@
-import json
-
 import h5py
 import numpy as np
 import pytest
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, ShapeError
-from ocplanner.files.records.labels import LABEL_ATTRIBUTE
+from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.report.reward_figures import JudgedEpisode, judged_figure
 
 PLAN = np.linspace(0, 1, 90)
@@ -20,7 +18,7 @@ def labelled(tiny_square, tmp_path):
         path = tmp_path / f"{mode}.hdf5"
         path.write_bytes(tiny_square().read_bytes())
         with h5py.File(path, "r+") as file:
-            file["data"].attrs[LABEL_ATTRIBUTE] = json.dumps({"settings": {"reward": mode}})
+            file["data"].attrs[LABEL_ATTRIBUTE] = LabelRecord("ab", {"reward": mode}).to_json()
             demo = file["data/demo_0"]
             recorded = demo["rewards"][()]
             demo["rewards_sparse"] = recorded

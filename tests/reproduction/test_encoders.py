@@ -20,7 +20,7 @@ def test_each_has_a_name_of_its_own_and_flags_that_say_what_it_is():
     assert len({experiment.name for experiment in EXPERIMENTS}) == len(EXPERIMENTS)
     for experiment in EXPERIMENTS:
         flags = ["--data", "d", "--run", "r", *experiment.flags]
-        config = tyro.cli(TrainPlanner, args=flags).configuration()
+        config = tyro.cli(TrainPlanner, args=flags, default=TrainPlanner.defaults(flags)).training
         assert (config.network.encoder.type, config.network.encoder.pool) == (experiment.encoder, experiment.pool)
         assert experiment.encoder == "resnet18" or config.network.encoder.channels == experiment.channels
         assert (config.predictor.steps, config.finetune.steps) == (

@@ -1,7 +1,8 @@
 """The command line: ``ocplanner VERB``, one module for each verb.
 
 A verb's module binds the name ``COMMAND`` to a frozen dataclass whose fields are the flags and whose method ``run()``
-does the work.
+does the work. Where defaults depend on other flags, as on ``--preset``, its classmethod ``defaults`` reads those flags
+and returns an instance with the defaults.
 """
 
 import contextlib
@@ -32,9 +33,12 @@ def _parse(arguments: list[str] | None) -> Any:
         OcplannerError: a value is outside its domain; tyro would print it in a frame instead.
         SystemExit: the arguments cannot be parsed, or ask for help.
     """
+    arguments = sys.argv[1:] if arguments is None else arguments
     union: Any = None
     for verb, command in _commands().items():
-        member = Annotated[command, tyro.conf.subcommand(name=verb)]
+        depends = hasattr(command, "defaults") and verb in arguments[:2]  # --debug may precede it
+        default = {"default": command.defaults(arguments)} if depends else {}
+        member = Annotated[command, tyro.conf.subcommand(name=verb, **default)]
         union = member if union is None else union | member
 
     @dataclass(frozen=True)

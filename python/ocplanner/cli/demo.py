@@ -1,6 +1,6 @@
 """``ocplanner demo``: the main job, from demonstrations to another arm."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +14,7 @@ from ocplanner.cli.transfer import Transfer
 from ocplanner.collection.settings import CollectSettings, RenderSettings
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.files.records.demo import DemoInputs
+from ocplanner.planner.config import PlannerTraining, preset
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.rollouts.settings import WorkerSettings
 
@@ -75,15 +76,7 @@ class Demo:
         run = self.out / "planner"
         planner = run / FILE_NAME
         if not planner.exists():
-            vae, predictor, finetune = self.stages or (None, None, None)
-            TrainPlanner(
-                data=images,
-                run_folder=run,
-                seed=self.seed,
-                vae_steps=vae,
-                predictor_steps=predictor,
-                finetune_steps=finetune,
-            ).run()
+            TrainPlanner(images, run, self._training()).run()
 
         console.rule(f"5/6 zero-shot on {self.robot}")
         result = self.out / f"{self.robot.lower()}.json"
@@ -100,6 +93,12 @@ class Demo:
 
         console.rule("6/6 report")
         Report(paths=(self.out,), out=self.out / "report.html", data=(images,)).run()
+
+    def _training(self) -> PlannerTraining:
+        training = replace(preset("cpu"), seed=self.seed)
+        steps = dict(zip(("vae", "predictor", "finetune"), self.stages or ()))
+        stages = {name: replace(getattr(training, name), steps=count) for name, count in steps.items()}
+        return replace(training, **stages)
 
 
 COMMAND = Demo

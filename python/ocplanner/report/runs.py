@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,10 @@ from ocplanner.files.records.metrics import (
     read_metrics,
 )
 from ocplanner.planner.config import PlannerTraining
-from ocplanner.planner.config import training_from_dict as planner_training
 from ocplanner.policies.config import PolicyTraining
 from ocplanner.policies.config import training_from_dict as policy_training
 from ocplanner.report.policy_results import PolicyKind, policy_kind
+from ocplanner.settings import build
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def read_run(folder: str | Path) -> TrainingRun:
     """
     path = Path(folder) / CONFIG
     config = read_config(path) if path.exists() else RunConfig({})
-    parse = policy_training if "algorithm" in config.settings else planner_training
+    parse = policy_training if "algorithm" in config.settings else partial(build, PlannerTraining)
     try:
         settings = parse(config.settings) if path.exists() else None
     except (InvalidValueError, TypeError, AttributeError, ValueError) as error:

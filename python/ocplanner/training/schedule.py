@@ -15,9 +15,13 @@ class StageConfig:
 
     steps: int
     batch: int = 64
+    """Frames a step."""
     learning_rate: float = 1e-3
+    """The highest learning rate, after the warm-up."""
     weight_decay: float = 1e-4
+    """AdamW's weight decay."""
     warmup: int = 100
+    """Steps in which the learning rate rises to its highest."""
     ema: float = 0.999
     """Decay of the moving average of the weights, which later stages and the planner use; 0: no average."""
 
