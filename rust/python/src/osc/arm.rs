@@ -51,11 +51,7 @@ impl Wiring {
             ("gripper_actuators", &self.gripper_actuators, sizes.nu),
         ] {
             if let Some(index) = list.iter().find(|index| **index >= size) {
-                return Err(named(
-                    py,
-                    "InvalidValueError",
-                    format!("{name}: {index} is not below {size}"),
-                ));
+                return Err(named(py, "InvalidValueError", format!("{name}: {index} is not below {size}")));
             }
         }
         let fingers = self.gripper_actuators.len();

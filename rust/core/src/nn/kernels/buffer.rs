@@ -1,4 +1,4 @@
-//! Memory aligned to cache lines, or to huge pages where it is large.
+//! Memory aligned to cache lines or, where it is large, to huge pages.
 
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use std::ptr::NonNull;
@@ -7,15 +7,15 @@ use half::bf16;
 
 const CACHE_LINE: usize = 64;
 
-/// Pages of this size spare most of the address translations that streaming tens of megabytes of weights needs.
+/// Pages of this size save most of the address translations that streaming tens of megabytes of weights costs.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// Numbers for which all bits zero are a value, zero.
+/// Numbers for which all bits zero mean zero.
 pub trait Number: Copy {}
 impl Number for f32 {}
 impl Number for bf16 {}
 
-/// A growable array of numbers that starts on a cache line.
+/// A growable array of numbers that starts at a cache line.
 #[derive(Debug)]
 pub struct Buffer<T: Number = f32> {
     numbers: NonNull<T>,
@@ -42,7 +42,7 @@ impl<T: Number> Buffer<T> {
         if layout.align() == HUGE_PAGE {
             ask_for_huge_pages(memory, layout.size());
         }
-        // SAFETY: as many bytes were allocated. Not `alloc_zeroed`: it touches the pages before they can be huge.
+        // SAFETY: this many bytes were allocated. Not `alloc_zeroed`, which touches the pages before they can be huge.
         unsafe { memory.write_bytes(0, layout.size()) };
         Self { numbers, len, capacity: len }
     }
@@ -65,7 +65,7 @@ impl<T: Number> Buffer<T> {
     }
 }
 
-/// The kernel may refuse: then the memory is as good as any other.
+/// Asks Linux for huge pages. It may refuse, and the memory is then like any other.
 fn ask_for_huge_pages(memory: *mut u8, bytes: usize) {
     #[cfg(target_os = "linux")]
     // SAFETY: the range is ours, and the advice changes no content.
@@ -102,7 +102,7 @@ impl<T: Number> Clone for Buffer<T> {
 impl<T: Number> std::ops::Deref for Buffer<T> {
     type Target = [T];
     fn deref(&self) -> &[T] {
-        // SAFETY: `capacity`, at least `len`, numbers are allocated, zero or written since.
+        // SAFETY: `capacity` numbers are allocated, at least `len`, and each is zero or was written since.
         unsafe { std::slice::from_raw_parts(self.numbers.as_ptr(), self.len) }
     }
 }

@@ -1,8 +1,8 @@
-//! Which instruction set the kernels use.
+//! The instruction set that the kernels use.
 
 use std::sync::OnceLock;
 
-/// The environment variable that asks for a lower level than the processor's: `avx2` or `portable`.
+/// The environment variable that selects a lower level than the processor's: `avx2` or `portable`.
 pub const OVERRIDE: &str = "OCPLANNER_SIMD";
 
 /// An instruction set that this processor has.
@@ -17,10 +17,10 @@ enum Kind {
 }
 
 impl Level {
-    /// The plain Rust kernels, which every processor has.
+    /// Plain Rust, which runs on every processor.
     pub const PORTABLE: Self = Self(Kind::Portable);
 
-    /// The best level of this processor, or the lower one that `OCPLANNER_SIMD` names. Read once.
+    /// The best level of this processor, or the lower one named by `OCPLANNER_SIMD`, which is read once.
     #[must_use]
     pub fn detect() -> Self {
         static DETECTED: OnceLock<Level> = OnceLock::new();
@@ -31,7 +31,7 @@ impl Level {
         })
     }
 
-    /// Every level of this processor, best first.
+    /// All levels of this processor, best first.
     #[must_use]
     pub fn available() -> Vec<Self> {
         let mut levels = Vec::new();

@@ -1,4 +1,4 @@
-//! One step of an LSTM whose gates are interleaved: for each block of units, `[k][gate][lane]`.
+//! One step of an LSTM with interleaved gates: each block of units is stored `[k][gate][lane]`.
 
 use half::bf16;
 
@@ -27,8 +27,8 @@ pub struct LstmStep<'a> {
     pub to: usize,
     /// Cell states, `[row][hidden]`.
     pub cells: &'a mut [f32],
-    /// Whether the unit blocks are taken from the last to the first: a step that begins where the one before it ended
-    /// finds those weights in the cache.
+    /// Whether the unit blocks run from the last to the first. A step that begins where the previous one ended finds those
+    /// weights in the cache.
     pub backwards: bool,
 }
 

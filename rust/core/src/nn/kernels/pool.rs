@@ -1,12 +1,12 @@
-//! Max pooling, spatial softmax and element-wise functions.
+//! Kernels without weights: max pooling, spatial softmax and element-wise functions.
 
 use super::vector::Vector;
 use super::{GROUP, Level, dispatch};
 
-/// Max pooling over a 3 x 3 window, stride 2, of an NHWC image whose border of zeros is stored; the inputs are not
-/// negative, so that border never wins.
+/// Max pooling over a 3 x 3 window, stride 2, of an NHWC map stored with a border of zeros. The inputs must not be
+/// negative, so that the border never wins.
 ///
-/// `rows` lists, for each output pixel, the offset of the window's first input and of the output.
+/// `windows` lists, for each output pixel, the offset of the window's first input and the offset of the output.
 ///
 /// # Panics
 /// If a window lies outside the slices: a fault of this crate, not of its input.
@@ -54,10 +54,10 @@ unsafe fn max_pool_windows<V: Vector>(job: &mut MaxPool<'_>) {
     }
 }
 
-/// Softmax over the pixels of each channel, then the expected pixel position in [-1, 1].
+/// Softmax over each channel's pixels, then the expected pixel position in [-1, 1].
 ///
-/// `logits` is (pixels, channels) with `channels` in whole registers, `positions` holds each pixel's (x, y), and `output`
-/// gets x0, y0, x1, y1, ... of the first `keypoints` channels.
+/// `logits` is (pixels, channels) with channels in whole registers, and `positions` holds each pixel's (x, y). `output`
+/// receives x0, y0, x1, y1, ... of the first `keypoints` channels.
 ///
 /// # Panics
 /// If the slices do not fit each other: a fault of this crate, not of its input.
@@ -116,7 +116,7 @@ unsafe fn softmax_channels<V: Vector>(job: &mut Softmax<'_>) {
     }
 }
 
-/// Copies bytes as numbers.
+/// Converts bytes to f32.
 ///
 /// # Panics
 /// If the slices differ in length: a fault of this crate, not of its input.
@@ -127,7 +127,7 @@ pub fn widen(level: Level, bytes: &[u8], numbers: &mut [f32]) {
     dispatch!(level, widen_all, &mut (&[u8], &mut [f32]), &mut job);
 }
 
-/// Left to the compiler, which knows the instruction set here.
+/// Left to the compiler, which vectorises for the instruction set enabled here.
 #[inline(always)]
 unsafe fn widen_all<V: Vector>(job: &mut (&[u8], &mut [f32])) {
     for (number, &byte) in job.1.iter_mut().zip(job.0) {
@@ -135,7 +135,7 @@ unsafe fn widen_all<V: Vector>(job: &mut (&[u8], &mut [f32])) {
     }
 }
 
-/// Replaces every number by its hyperbolic tangent.
+/// Replaces each number by its hyperbolic tangent.
 pub fn tanh_in_place(level: Level, values: &mut [f32]) {
     let mut values = values;
     // SAFETY: the loop stays inside the slice.

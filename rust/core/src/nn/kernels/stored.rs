@@ -1,22 +1,22 @@
-//! Weights as they are kept in memory.
+//! How weights are kept in memory.
 
 use half::bf16;
 
 use super::Buffer;
 use super::vector::Vector;
 
-/// How weights are kept in memory; arithmetic is f32 either way.
+/// How weights are kept in memory. Arithmetic is f32 either way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Storage {
     /// As in the file.
     #[default]
     F32,
-    /// Rounded to bf16 where that pays, in layers of at least [`ROUNDED_FROM`]: half the memory traffic.
+    /// Rounded to bf16 in layers of at least [`ROUNDED_FROM`], where that halves the memory traffic.
     Bf16,
 }
 
-/// Bytes of f32 weights from which on a layer is worth rounding: smaller ones stay in the second-level cache from one
-/// plan to the next, and their rounding would move the plan for nothing.
+/// A layer with at least this many bytes of f32 weights is worth rounding. Smaller layers stay in the second-level cache
+/// from one plan to the next, so rounding them would move the plan for no gain.
 pub const ROUNDED_FROM: usize = 1 << 20;
 
 /// Packed weights.

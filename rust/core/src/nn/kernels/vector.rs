@@ -1,7 +1,7 @@
 //! Packed f32 arithmetic, one type per instruction set.
 //!
-//! The methods are only inlined into functions that enable the instruction set, which is what makes them fast; calling
-//! them elsewhere on a processor without it is undefined behaviour, hence `unsafe`.
+//! The methods are fast only when inlined into functions that enable the instruction set. Calling them on a processor that
+//! lacks it is undefined behaviour, hence `unsafe`.
 
 use half::bf16;
 
@@ -33,13 +33,13 @@ pub(super) trait Vector: Copy {
     unsafe fn max(self, other: Self) -> Self;
     /// Smaller of each pair.
     unsafe fn min(self, other: Self) -> Self;
-    /// `value * 2^n`, where `n` sits in the low bits of `self`'s representation.
+    /// `value * 2^n`, where `n` is in the low bits of `self`'s representation.
     unsafe fn scale_by_low_bits(self, value: Self) -> Self;
 
-    /// The exponential, within 2 ulp; saturates outside [-87, 88].
+    /// The exponential, within 2 ulp. Saturates outside [-87, 88].
     #[inline(always)]
     unsafe fn exp(self) -> Self {
-        // Adding 1.5 * 2^23 rounds to an integer and leaves it in the low bits.
+        // Adding 1.5 * 2^23 rounds to an integer, and leaves it in the low bits.
         const ROUND: f32 = 12_582_912.0;
         unsafe {
             let x = self.max(Self::splat(-87.0)).min(Self::splat(88.0));
@@ -76,7 +76,7 @@ pub(super) trait Vector: Copy {
     }
 }
 
-/// Eight lanes in plain Rust: correct everywhere, and left to the compiler to vectorise.
+/// Eight lanes in plain Rust, correct everywhere and vectorised by the compiler where it can.
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f32; 8]);
 
@@ -118,7 +118,7 @@ impl Vector for Portable {
     #[inline(always)]
     unsafe fn mul_add(self, factor: Self, addend: Self) -> Self {
         Self(std::array::from_fn(|i| {
-            // Without hardware support `mul_add` would call a slow library function.
+            // Without hardware support, `mul_add` would call a slow library function.
             if cfg!(any(target_arch = "aarch64", target_feature = "fma")) {
                 self.0[i].mul_add(factor.0[i], addend.0[i])
             } else {
@@ -135,7 +135,7 @@ impl Vector for Portable {
     lanewise!(scale_by_low_bits, |low, value| f32::from_bits(value.to_bits().wrapping_add(low.to_bits() << 23)));
 }
 
-/// Asks for the cache line at an address, which need not be valid.
+/// Prefetches the cache line at an address, which need not be valid.
 #[inline(always)]
 pub(super) fn prefetch<T>(address: *const T) {
     #[cfg(target_arch = "x86_64")]
