@@ -86,7 +86,7 @@ class PlannerEngine:
         """The file's whole configuration, JSON."""
 
     def plan(
-        self, images: list[NDArray[np.uint8]], all_modes: bool = False, threads: int = 1, steps: int | None = None
+        self, images: list[NDArray[np.uint8]], *, all_modes: bool = False, threads: int = 1, steps: int | None = None
     ) -> tuple[_F64, _F64 | None, _F64]:
         """Plan from one (B, size, size, 3) uint8 array per camera, in the configuration's order.
 
@@ -143,24 +143,6 @@ class RewardLaw:
 
         Raises:
             InvalidValueError: a number is not finite, a matrix is not a rotation, or a reward overflows.
-            ShapeError: wrong shape, dtype or memory order.
-        """
-
-    def label(
-        self,
-        planner: PlannerEngine,
-        images: list[NDArray[np.uint8]],
-        achieved: _Poses,
-        grasping: NDArray[np.bool_],
-        *,
-        step: int = 0,
-        terminal: bool = True,
-        threads: int = 1,
-    ) -> _Terms:
-        """As :meth:`rewards`, with step ``step`` of the plans made from (T, size, size, 3) images where grasping.
-
-        Raises:
-            InvalidValueError: as :meth:`rewards`; ``step`` is beyond the plan or, for a potential, not 0.
             ShapeError: wrong shape, dtype or memory order.
         """
 

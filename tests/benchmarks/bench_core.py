@@ -1,9 +1,9 @@
 """The Rust engine against torch, torch.compile, onnxruntime and OpenVINO, on the same weights and the same images.
 
-Run from the repository's root: ``python tests/benchmarks/bench_core.py``. Every case runs in a process of its own, in
-which all sides take turns call by call, in random order; a figure is the median of one call's wall-clock time, a ratio
-the peer's time over ours. Before anything is timed, all sides must agree on the plans. ``--simd avx2`` measures our
-engine without AVX-512, in rows of their own; the peers stay at their best. Rows of cases that are not run again stay.
+Run from the repository's root: ``python tests/benchmarks/bench_core.py``. Each case runs in its own process, where all
+sides take turns call by call, in random order. A figure is the median wall-clock time of one call; a ratio is a peer's
+time over ours. All sides must agree on the plans before anything is timed. ``--simd avx2`` measures our engine without
+AVX-512, in separate rows; the peers keep their best instruction set. Rows of cases not run again stay as they are.
 """
 
 import argparse
@@ -27,7 +27,7 @@ _CHART = Path("docs/images/bench_core.png")
 
 
 def main() -> None:
-    """Measure the cases asked for and write them beside the others."""
+    """Measure the chosen cases, and write them beside the others."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", nargs="*", choices=list(CASES), default=list(CASES), metavar="CASE")
     parser.add_argument("--list", action="store_true", help="print the cases and stop")
@@ -37,9 +37,11 @@ def main() -> None:
         nargs="*",
         choices=["best", *rows.LEVELS],
         default=["best"],
-        help="instruction sets of our engine; any but best adds its name to the case",
+        help="instruction sets for our engine; any but best adds its name to the case",
     )
-    parser.add_argument("--seconds", type=float, default=20.0, help="how long to measure a case, at least 15 rounds")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="how long to measure each case; at least 15 rounds are made"
+    )
     parser.add_argument("--output", type=Path, default=_OUTPUT)
     parser.add_argument("--in-process", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -69,7 +71,7 @@ def main() -> None:
 
 
 def _measure(case: str, level: str, seconds: float, skip: list[str]) -> Measured:
-    """Run one case in a process of its own: the engine reads OCPLANNER_SIMD once, and threads stay apart."""
+    """Run one case in its own process: the engine reads OCPLANNER_SIMD only once, and cases must not share threads."""
     command = [sys.executable, __file__, "--in-process", "--cases", case, "--seconds", str(seconds), "--skip", *skip]
     environment = {**os.environ, "OMP_NUM_THREADS": str(getattr(CASES[case], "threads", 1))}
     environment.pop("OCPLANNER_SIMD", None)

@@ -1,4 +1,4 @@
-"""What ``bench_core.py`` measures: one class a kind of job, one entry of :data:`CASES` a row."""
+"""The cases that ``bench_core.py`` measures: one class per kind of job, one entry of :data:`CASES` per row."""
 
 import tempfile
 from collections.abc import Callable
@@ -28,14 +28,14 @@ RESNET18 = {
 """The ``robomimic`` preset's network at the paper's longest horizon."""
 
 _FARTHEST = {"f32": 1e-3, "bf16": 1e-2}
-"""How far (m, and per entry of a rotation) our plan may be from a peer's float32 one, by our storage."""
+"""The largest allowed distance (m, and per entry of a rotation) of our plan from a peer's float32 one, by storage."""
 
 _SETTLE_S = 0.003
-"""Sleep before a timing where peers have threads: their idle spinning must not slow the next."""
+"""Seconds of sleep before a timing where peers have threads, whose idle spinning must not slow the next side."""
 
 
 class DisagreementError(Exception):
-    """Two sides do not compute the same: their times must not be compared."""
+    """Two sides do not compute the same, so their times must not be compared."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class PlanCase:
-    """Plans of a batch of images, against every peer."""
+    """Planning a batch of images, against every peer."""
 
     encoder: str
     batch: int
@@ -81,7 +81,7 @@ class LabelCase:
 
     frames: int
     peers_plan: int
-    """Steps that the peers' models plan. Ours decodes the one that is compared; a peer needs a model made for that."""
+    """Steps that the peers' models plan. Ours decodes only the step compared; a peer needs a model made for that."""
     threads: int = 1
     unit: str = "ms"
 
@@ -188,7 +188,7 @@ def _check_plans(name: str, planner: Planner, theirs: tuple, images: Images, far
 
 
 def _random_poses(seed: int) -> tuple:
-    """An object, its target 3 cm and 0.4 rad away, the end effector that holds it, and the base's rotation."""
+    """Poses of an object, its target 3 cm and 0.4 rad away, and the hand that holds it; the base's rotation."""
     rng = np.random.default_rng(seed)
 
     def rotation(largest: float) -> np.ndarray:
@@ -212,4 +212,4 @@ CASES: dict[str, PlanCase | LabelCase | DeltaPoseCase] = {
     "label cpu h20 150 frames, peers plan all steps": LabelCase(150, peers_plan=20),
     "delta-pose step": DeltaPoseCase(),
 }
-"""Case name -> how it is measured; the name spells out encoder, horizon, batch, our weight storage and threads."""
+"""Case name -> how it is measured. The name states encoder, horizon, batch, our weight storage and threads."""

@@ -1,4 +1,4 @@
-"""What the machine is that a figure comes from."""
+"""The machine that a figure comes from."""
 
 import os
 import platform
@@ -13,5 +13,5 @@ def machine() -> str:
 
 
 def machine_and_load() -> str:
-    """The same, and how busy it is now."""
+    """Processor, cores and the present load."""
     return f"{machine()}, load {os.getloadavg()[0]:.1f}"

@@ -1,4 +1,4 @@
-"""The delta-pose law in plain NumPy, as one would write it without the native module."""
+"""The delta-pose law in plain NumPy, as it would be written without the native module."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The plan's reward in plain NumPy, as one would write it without the native module."""
+"""The plan's reward in plain NumPy, as it would be written without the native module."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ def plan_reward(
 ) -> Rewards:
     """What ``ocplanner.guidance.plan_reward`` computes by default.
 
-    A pair is (T, 3) positions in m and (T, 3, 3) rotations: what the plan made at t wants next, and where the object
+    A pair is (T, 3) positions in m and (T, 3, 3) rotations: where the plan made at t puts the object next, and where it
     is next. ``grasping`` is (T,) bool.
     """
     position = np.where(grasping, np.square(planned[0] - achieved[0]).sum(-1), 0.0)

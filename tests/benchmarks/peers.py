@@ -1,8 +1,8 @@
 """The runtimes that the engine is measured against, one small class each.
 
-Every peer does the engine's whole job, from uint8 images to plans in metres and rotation matrices, on the same folded
-weights, in float32, each set up as its own documentation advises for latency. A peer that cannot run here raises
-:class:`AbsentError` when it is made.
+Each peer does the engine's whole job, from uint8 images to plans in metres and rotation matrices, on the same folded
+weights in float32, and is set up as its own documentation advises for latency. A peer that cannot run here raises
+:class:`AbsentError` when it is created.
 """
 
 import importlib.metadata
@@ -16,7 +16,7 @@ Poses = tuple[np.ndarray, np.ndarray]
 
 
 class AbsentError(Exception):
-    """The peer is not installed, or lacks something that it needs; the message says what."""
+    """The peer is not installed or lacks something it needs; the message says what."""
 
 
 class Peer(Protocol):
@@ -53,7 +53,7 @@ class TorchEager:
 
 
 class TorchAsTrained(TorchEager):
-    """PyTorch in inference mode on the network as training leaves it: what one has without exporting anything."""
+    """PyTorch in inference mode on the network as training leaves it, without any export."""
 
     as_trained = True
 

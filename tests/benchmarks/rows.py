@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 Row = dict[str, Any]
 
 LEVELS = ("avx512", "avx2", "portable")
-"""Instruction sets that our engine can be held to; a case name that ends in one was."""
+"""Instruction sets to which our engine can be restricted; the case name then ends in one."""
 
 START, END = "<!-- BENCH -->", "<!-- end BENCH -->"
 _SCALE = {"ms": 1e3, "us": 1e6}
 _INK = "#848d97"
-"""Grey that reads on a white page as on a dark one; the figure itself is transparent."""
+"""A grey that is readable on white and on dark pages; the figure is transparent."""
 _COLORS = {
     "torch as trained": "#e69f00",
     "torch eager": "#d55e00",
@@ -47,9 +47,10 @@ def row(case: str, unit: str, measured: Measured) -> Row:
 
 
 def write(path: Path, rows: dict[str, Row], command: str, versions: dict[str, str]) -> list[Row]:
-    """Write the rows beside those that the file holds of other cases; returns all.
+    """Write the rows beside the file's rows of other cases, and return all.
 
-    Every row names the machine, the command and the versions that it was measured with: others may stay from earlier.
+    Each row names the machine, the command and the versions it was measured with, because rows may date from different
+    runs.
     """
     source = {"machine": machine_and_load(), "command": command, "versions": versions}
     rows = {case: {**measured, **source} for case, measured in rows.items()}
@@ -75,7 +76,7 @@ def table(rows: list[Row]) -> str:
 
 
 def insert(page: Path, text: str) -> None:
-    """Replace what stands between the markers of a page; a page without markers is left alone."""
+    """Replace the text between a page's markers. A page without markers stays as it is."""
     if not page.exists():
         return
     before, start, rest = page.read_text().partition(START)
@@ -85,7 +86,7 @@ def insert(page: Path, text: str) -> None:
 
 
 def chart(rows: list[Row], path: Path) -> None:
-    """Bars of the runtimes' times as multiples of ours, one group a case at the best instruction set."""
+    """Draw the runtimes' times as multiples of ours, one group of bars per case at the best instruction set."""
     bars = [
         (each["case"], [(peer, each["ratio"][peer]) for peer in _COLORS if peer in each["ratio"]])
         for each in rows

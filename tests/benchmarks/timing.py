@@ -22,14 +22,14 @@ class Timing:
 def interleaved(
     sides: dict[str, Callable[[], object]], seconds: float, *, repeat: int = 1, pause: float = 0.0, seed: int = 0
 ) -> dict[str, Timing]:
-    """Let the sides take turns, in a new random order every round, so that whatever disturbs the machine hits all.
+    """Let the sides take turns, in a new random order each round, so that any disturbance of the machine hits them all.
 
     Args:
         sides: name -> what to time.
-        seconds: rounds are made for this long, but at least 15.
-        repeat: calls timed together, for calls too short for the clock; figures are for one call.
+        seconds: how long to make rounds; at least 15 are made.
+        repeat: calls timed together, for calls too short for the clock. Figures are for one call.
         pause: seconds of sleep before each timing, in which another side's spinning threads come to rest.
-        seed: of the order.
+        seed: seed of the order.
     """
     for act in sides.values():
         for _ in range(_WARM_UPS):

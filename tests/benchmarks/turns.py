@@ -1,4 +1,4 @@
-"""Timing sides that cannot share a process (each wants OpenGL for itself): each gets one, and they take turns."""
+"""Timing sides that cannot share a process because each needs OpenGL to itself: each gets one, and they take turns."""
 
 import multiprocessing
 import time
@@ -14,17 +14,17 @@ class Player(Protocol):
     """One side, made in its own process."""
 
     def prepare(self, index: int) -> None:
-        """What turn ``index`` needs and is not timed."""
+        """Do what turn ``index`` needs before it is timed."""
         ...
 
     def act(self, index: int) -> Any:
-        """What is timed; what it returns must pickle."""
+        """Do what is timed. The result must pickle."""
         ...
 
 
 @dataclass(frozen=True)
 class Turn:
-    """One timed call: wall clock and processor seconds of all threads, and what the call returned."""
+    """One timed call: wall-clock seconds, processor seconds of all threads, and the call's result."""
 
     wall: float
     processor: float
@@ -34,16 +34,16 @@ class Turn:
 def taking_turns(
     sides: dict[str, Callable[[], Player]], turns: int, calls: int = 1, seed: int = 0
 ) -> dict[str, list[Turn]]:
-    """Let the sides take ``turns`` turns of ``calls`` calls, in a new random order each time; one waits for the other.
+    """Let the sides take ``turns`` turns of ``calls`` calls, one side at a time, in a new random order each round.
 
     Args:
-        sides: name -> what makes the player; picklable.
-        turns: how many for each side. One more comes first and does not count.
-        calls: calls in a turn: a side that comes on has to fill the processor's caches again.
-        seed: of the order.
+        sides: name -> what creates the player; picklable.
+        turns: turns per side. One more comes first and is not counted.
+        calls: calls per turn. At the start of a turn a side must fill the processor's caches again.
+        seed: seed of the order.
 
     Returns:
-        Name -> the calls in order; the same indices for all sides.
+        Name -> the calls in order, with the same indices for all sides.
     """
     spawn = multiprocessing.get_context("spawn")
     channels: dict[str, Connection] = {}

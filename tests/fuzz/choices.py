@@ -7,10 +7,10 @@ Item = TypeVar("Item")
 
 
 class Choices:
-    """Decides by consuming bytes; once they are used up every decision is the first alternative.
+    """Decides by consuming bytes. Once they are used up, every decision is the first alternative.
 
-    So the same bytes always make the same call, a few bytes are enough to describe a failure, and whatever mutates the
-    bytes mutates the decisions.
+    So the same bytes always make the same call, a few bytes are enough to describe a failure, and mutating the bytes
+    mutates the decisions.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -29,5 +29,5 @@ class Choices:
         return items[self.index(len(items))]
 
     def chance(self, one_in: int) -> bool:
-        """True about once in so many; False once the bytes are used up."""
+        """True about once in so many times, and False once the bytes are used up."""
         return self.index(one_in) == one_in - 1

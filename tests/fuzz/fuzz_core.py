@@ -1,8 +1,8 @@
 """Fuzzes every function and class of ``ocplanner._core``, the loader of planner files above all.
 
-Run from the repository's root: ``python tests/fuzz/fuzz_core.py --seconds 600``. Nothing may come out of a call but its
-result, an error of ``ocplanner.errors``, or a TypeError: no panic, no crash, no hang, no memory beyond the limit. The
-input under way always stands in ``--folder`` as ``current``, so that one that kills the process can be replayed:
+Run from the repository's root: ``python tests/fuzz/fuzz_core.py --seconds 600``. A call may return its result, or raise
+an error of ``ocplanner.errors`` or a TypeError. It must not panic, crash, hang, or exceed the memory limit. The current
+input is kept in ``--folder`` as ``current``, so that one that kills the process can be replayed:
 ``python tests/fuzz/fuzz_core.py --replay FILE``. Where atheris is installed, ``--atheris`` lets it choose the inputs by
 the coverage of the Python side; otherwise they are random, from ``--seed``.
 """
@@ -27,7 +27,7 @@ from ocplanner.errors import OcplannerError
 
 _CALLERS = [(name, caller) for name, callers in TARGETS.items() for caller in callers]
 _LOADER = 2
-"""The planner file's target is drawn once more for every so many inputs."""
+"""One input in so many goes to the target of planner files, besides its ordinary share."""
 _MOST_MEMORY = 4 << 30
 _HANGS_S = 30
 _LONGEST = 160
@@ -37,7 +37,7 @@ def one_input(data: bytes) -> None:
     """Make the one call that the bytes describe.
 
     Raises:
-        BaseException: whatever came out that is neither a TypeError nor of ``ocplanner.errors``.
+        BaseException: any exception other than a TypeError or an error of ``ocplanner.errors``.
     """
     choices = Choices(data)
     _, caller = choices.pick(_CALLERS)
@@ -48,7 +48,7 @@ def one_input(data: bytes) -> None:
 
 
 def random_input(rng: random.Random) -> bytes:
-    """Random bytes; a share of them goes to the loader of planner files, and a share is mostly harmless choices."""
+    """Random bytes. Some always go to the loader of planner files, and some are mostly harmless choices."""
     data = bytearray(rng.randbytes(rng.randint(1, _LONGEST)))
     if rng.random() < 0.5:
         data = bytearray(byte if rng.random() < 0.3 else 0 for byte in data)
@@ -57,7 +57,7 @@ def random_input(rng: random.Random) -> bytes:
 
 
 def main() -> None:
-    """Fuzz for a while, or replay inputs."""
+    """Fuzz for some time, or replay inputs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""Arguments that a caller might pass by mistake or out of malice."""
+"""Arguments that a caller might pass by mistake or on purpose."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias
@@ -13,7 +13,7 @@ _DTYPES = ("f4", "f2", "i8", "u1", "?", "c16", "O", "U3", ">f8", "M8[s]", "i1", 
 
 
 def number(choices: Choices, good: float) -> Any:
-    """A float as asked for, a special one, or something else."""
+    """The given float, a special one, or something else."""
     kind = choices.index(8)
     if kind < 4:
         return good
@@ -23,7 +23,7 @@ def number(choices: Choices, good: float) -> Any:
 
 
 def integer(choices: Choices, good: int) -> Any:
-    """An int as asked for, a special one, or something else."""
+    """The given int, a special one, or something else."""
     kind = choices.index(8)
     if kind < 5:
         return good
@@ -33,7 +33,7 @@ def integer(choices: Choices, good: int) -> Any:
 
 
 def array(choices: Choices, good: np.ndarray) -> Any:
-    """The array, or a changed, or something else in its place."""
+    """The array, a changed one, or something else in its place."""
     if choices.index(3) < 2:
         return good
     changed: Any = good

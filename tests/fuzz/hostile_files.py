@@ -1,4 +1,4 @@
-"""Planner files that are damaged, contradictory, or valid with sizes that nobody would train."""
+"""Planner files that are damaged or contradictory, or valid with sizes that are never trained."""
 
 import copy
 import json
@@ -36,7 +36,7 @@ _NUMBERS = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, 1e30, 1e-45, 0.0)
 
 
 def hostile_file(choices: Choices) -> bytes:
-    """The bytes of a planner file to which up to three things were done."""
+    """The bytes of a planner file with up to three changes."""
     config = planner_config(**copy.deepcopy(_TINY))
     config |= copy.deepcopy(choices.pick(_VARIANTS))
     if choices.chance(3):
@@ -70,7 +70,7 @@ def hostile_file(choices: Choices) -> bytes:
 
 
 def _resize(choices: Choices, config: dict[str, Any]) -> None:
-    """Other sizes, which the tensors will follow, so that the file is valid unless a size is refused."""
+    """Set other sizes. The tensors follow, so the file is valid unless a size is out of bounds."""
     sizes = _SIZES if choices.index(3) < 2 else _LARGE
     match choices.index(6):
         case 0:

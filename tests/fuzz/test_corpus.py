@@ -1,6 +1,6 @@
-"""What fuzzing once broke, and a few seconds of fuzzing from a fixed seed.
+"""Failures that fuzzing once found, and a few seconds of fuzzing from a fixed seed.
 
-``corpus/`` holds planner files, so that it stays valid however the fuzzer reads its bytes; calls stand here as code.
+``corpus/`` holds planner files, so it stays valid when the fuzzer reads its bytes in another way. Calls are code.
 """
 
 import json
@@ -39,7 +39,7 @@ def quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", CORPUS)
-def test_files_that_once_failed_are_refused(name: str) -> None:
+def test_files_that_once_failed_are_errors(name: str) -> None:
     data = (Path(__file__).parent / "corpus" / f"{name}.safetensors").read_bytes()
     with pytest.raises(OcplannerError, match=CORPUS[name]):
         plan_once(data)
@@ -49,7 +49,7 @@ def plan_once(data: bytes) -> None:
     engine = _core.PlannerEngine(data)
     config = json.loads(engine.config_json)
     size = config["image_size"]
-    engine.plan([np.zeros((1, size, size, 3), np.uint8) for _ in config["cameras"]], True)
+    engine.plan([np.zeros((1, size, size, 3), np.uint8) for _ in config["cameras"]], all_modes=True)
 
 
 def test_the_corpus_is_replayed_whole() -> None:
@@ -88,7 +88,7 @@ CALLS: dict[str, tuple[type[Exception], Callable[[], object]]] = {
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_calls_that_once_failed_are_refused(call: str) -> None:
+def test_calls_that_once_failed_are_errors(call: str) -> None:
     expected, act = CALLS[call]
     with pytest.raises(expected):
         act()
@@ -105,15 +105,15 @@ def test_impossible_counts_are_named(threads: int) -> None:
     engine = _core.PlannerEngine(_valid_file())
     images = [np.zeros((1, 6, 6, 3), np.uint8)]
     with pytest.raises(InvalidValueError, match=f"^{threads} is not a count"):
-        engine.plan(images, False, threads)
+        engine.plan(images, threads=threads)
     with pytest.raises(InvalidValueError, match=f"^{threads} is not a count"):
-        engine.plan(images, False, 1, threads)
+        engine.plan(images, steps=threads)
 
 
 def test_any_number_of_threads_gives_the_plan() -> None:
     engine = _core.PlannerEngine(_valid_file())
     images = [np.zeros((3000, 6, 6, 3), np.uint8)]
-    np.testing.assert_array_equal(engine.plan(images, False, 1 << 40)[0], engine.plan(images)[0])
+    np.testing.assert_array_equal(engine.plan(images, threads=1 << 40)[0], engine.plan(images)[0])
 
 
 def test_flags_may_hold_any_byte() -> None:
@@ -149,7 +149,7 @@ def test_every_public_name_is_fuzzed() -> None:
 
 
 def test_harmless_choices_succeed() -> None:
-    """Otherwise the fuzzer would only ever see its own mistakes refused."""
+    """Otherwise the fuzzer would only ever see the errors of its own mistakes."""
     from choices import Choices
 
     for callers in TARGETS.values():
@@ -157,6 +157,6 @@ def test_harmless_choices_succeed() -> None:
             caller(Choices(b""))
 
 
-def test_a_damaged_file_is_refused() -> None:
+def test_a_damaged_file_is_an_error() -> None:
     with pytest.raises(ModelFileError):
         _core.PlannerEngine(_valid_file()[:-1])

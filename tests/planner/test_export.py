@@ -163,7 +163,7 @@ def test_a_file_from_which_the_engine_plans_differently_is_not_written(tiny, pro
             self._engine = _core.PlannerEngine(data)
 
         def plan(self, images: list[np.ndarray], all_modes: bool) -> list[np.ndarray]:
-            parts = list(self._engine.plan(images, all_modes))
+            parts = list(self._engine.plan(images, all_modes=all_modes))
             parts[part] = parts[part] + 0.01
             return parts
 

@@ -4,7 +4,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use ocplanner_benches::noise;
 use ocplanner_core::pose::{Matrix3, Vector3, rotation_exp};
-use ocplanner_core::reward::{EpisodeEnd, Form, Poses, RewardLaw, Rewards};
+use ocplanner_core::reward::{EpisodeEnd, Form, Poses, RewardLaw};
 
 const TRANSITIONS: usize = 150;
 
@@ -21,7 +21,6 @@ fn rewards(criterion: &mut Criterion) {
     let grasping = [true; TRANSITIONS];
     let mut group = criterion.benchmark_group("reward, 150 transitions");
     group.throughput(Throughput::Elements(TRANSITIONS as u64));
-    let mut found = Rewards::default();
     for (name, form) in [
         ("penalty", Form::Penalty),
         ("exp", Form::Exp { scale: 2.5e-4 }),
@@ -29,9 +28,7 @@ fn rewards(criterion: &mut Criterion) {
     ] {
         let law = RewardLaw { form, ..RewardLaw::default() };
         group.bench_function(name, |bench| {
-            bench.iter(|| {
-                law.rewards(planned, achieved, &grasping, EpisodeEnd::Terminated, &mut found).expect("valid poses")
-            });
+            bench.iter(|| law.rewards(planned, achieved, &grasping, EpisodeEnd::Terminated).expect("valid poses"));
         });
     }
     group.finish();

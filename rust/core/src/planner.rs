@@ -34,7 +34,7 @@ pub enum Modes {
 }
 
 /// Plans of a batch.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Plans {
     /// (batch, modes, steps, 3) positions, metres.
     pub position: Vec<f64>,
@@ -120,15 +120,7 @@ impl Planner {
     /// # Errors
     /// [`Error::Shape`] if a slice has another length. [`Error::Value`] if `steps` is zero or beyond the planner's horizon,
     /// or if the network's numbers overflow or give no rotation.
-    pub fn plan(
-        &self,
-        images: &[&[u8]],
-        batch: usize,
-        modes: Modes,
-        steps: usize,
-        threads: usize,
-        plans: &mut Plans,
-    ) -> Result<()> {
+    pub fn plan(&self, images: &[&[u8]], batch: usize, modes: Modes, steps: usize, threads: usize) -> Result<Plans> {
         self.check_images(images, batch)?;
         if !(1..=self.config.horizon).contains(&steps) {
             let found = format!("{steps} with a horizon of {}", self.config.horizon);
@@ -143,9 +135,11 @@ impl Planner {
             Outputs::Pose => 3 * position,
             Outputs::Position => 0,
         };
-        plans.position.resize(batch * position, 0.0);
-        plans.rotation.resize(batch * rotation, 0.0);
-        plans.probability.resize(batch * per_image, 0.0);
+        let mut plans = Plans {
+            position: vec![0.0; batch * position],
+            rotation: vec![0.0; batch * rotation],
+            probability: vec![0.0; batch * per_image],
+        };
         let mut whole =
             Part { position: &mut plans.position, rotation: &mut plans.rotation, probability: &mut plans.probability };
         let size = self.image_len();
@@ -159,17 +153,18 @@ impl Planner {
             let images: Vec<&[u8]> = images.iter().map(|all| &all[work.start * size..work.end * size]).collect();
             let mut part = Part { position, rotation, probability };
             move |workspace: &mut Workspace| self.plan_part(&images, work.len(), modes, steps, workspace, &mut part)
-        })
+        })?;
+        Ok(plans)
     }
 
-    /// Writes the latent means of each image's most probable mode, (batch, latent), to `latents`.
+    /// Latent means of each image's most probable mode, (batch, latent).
     ///
     /// # Errors
     /// [`Error::Shape`] if a slice of images has another length.
-    pub fn encode(&self, images: &[&[u8]], batch: usize, threads: usize, latents: &mut Vec<f32>) -> Result<()> {
+    pub fn encode(&self, images: &[&[u8]], batch: usize, threads: usize) -> Result<Vec<f32>> {
         self.check_images(images, batch)?;
         let latent = self.config.latent;
-        latents.resize(batch * latent, 0.0);
+        let mut latents = vec![0.0; batch * latent];
         let mut whole = latents.as_mut_slice();
         let size = self.image_len();
         self.deal(batch, threads, |work| {
@@ -190,14 +185,15 @@ impl Planner {
                 }
                 Ok(())
             }
-        })
+        })?;
+        Ok(latents)
     }
 
     /// Checks that there is one slice of `batch` images per camera.
     ///
     /// # Errors
     /// [`Error::Shape`] if there is not.
-    pub(crate) fn check_images(&self, images: &[&[u8]], batch: usize) -> Result<()> {
+    fn check_images(&self, images: &[&[u8]], batch: usize) -> Result<()> {
         if images.len() != self.encoders.len() {
             return Err(Error::Shape {
                 what: "images",

@@ -9,7 +9,6 @@
 //! Terms and rewards are zero where the robot does not hold the object, because the planner never saw such frames.
 
 use crate::error::{Error, Result};
-use crate::planner::{Modes, Outputs, Planner, Plans};
 use crate::pose::{Matrix3, Vector3, check_rotation, dot, subtract, transpose};
 
 /// Poses of the object in the world frame, one for each transition.
@@ -72,12 +71,12 @@ impl Default for RewardLaw {
 }
 
 /// Terms and rewards of an episode's transitions.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Rewards {
     /// (T,) |p' - p|^2, square metres, unweighted.
     pub position: Vec<f64>,
-    /// (T,) |r' - r|^2, unweighted; empty if the plan has no rotations.
-    pub rotation: Vec<f64>,
+    /// (T,) |r' - r|^2, unweighted; `None` if the plan has no rotations.
+    pub rotation: Option<Vec<f64>>,
     /// (T,) the rewards.
     pub reward: Vec<f64>,
 }
@@ -150,110 +149,46 @@ impl RewardLaw {
         achieved: Poses<'_>,
         grasping: &[bool],
         end: EpisodeEnd,
-        rewards: &mut Rewards,
-    ) -> Result<()> {
+    ) -> Result<Rewards> {
         let steps = grasping.len();
         same_length("planned position", planned.position.len(), steps, "3")?;
         same_length("achieved position", achieved.position.len(), steps, "3")?;
-        rewards.start(steps, planned.rotation.is_some());
+        let mut position = Vec::with_capacity(steps);
         for (t, held) in grasping.iter().enumerate() {
             let error = position_error(&planned.position[t], &achieved.position[t])?;
-            rewards.position[t] = if *held { error } else { 0.0 };
+            position.push(if *held { error } else { 0.0 });
         }
+        let mut rotation = None;
         if let Some(planned) = planned.rotation {
             same_length("planned rotation", planned.len(), steps, "3, 3")?;
             let achieved = achieved.rotation.unwrap_or_default();
             same_length("achieved rotation", achieved.len(), steps, "3, 3")?;
+            let turned = rotation.insert(Vec::with_capacity(steps));
             for (t, held) in grasping.iter().enumerate() {
                 let error = rotation_error(&planned[t], &achieved[t])?;
-                rewards.rotation[t] = if *held { error } else { 0.0 };
+                turned.push(if *held { error } else { 0.0 });
             }
         }
-        self.combine(grasping, end, rewards)
-    }
-}
-
-/// An episode as recorded, to be labelled by a planner.
-#[derive(Debug, Clone, Copy)]
-pub struct Episode<'a> {
-    /// One slice per camera of the planner, (T, size, size, 3) uint8: what it sees before each transition.
-    pub images: &'a [&'a [u8]],
-    /// Where the object is when the planned step compared with it is due: after each transition, for the first step.
-    pub achieved: Poses<'a>,
-    /// Whether the robot holds the object during each transition.
-    pub grasping: &'a [bool],
-    /// How the episode ends.
-    pub end: EpisodeEnd,
-}
-
-impl RewardLaw {
-    /// Plans where the object is held, and nowhere else, and compares step `step` (0 is the next) of each plan.
-    ///
-    /// # Errors
-    /// As [`Planner::plan`] and [`RewardLaw::rewards`]. [`Error::Value`] too for the potential form with a later
-    /// step than the first: its error is known only after the state that it would be the potential of.
-    pub fn label(
-        &self,
-        planner: &Planner,
-        episode: &Episode<'_>,
-        step: usize,
-        threads: usize,
-        rewards: &mut Rewards,
-    ) -> Result<()> {
-        let Episode { images, achieved, grasping, end } = *episode;
-        let (steps, horizon) = (grasping.len(), planner.config().horizon);
-        if step >= horizon {
-            let found = format!("{step} of {horizon} steps");
-            return Err(Error::Value { what: "step", found, expected: "below the planner's horizon" });
-        }
-        if step > 0 && matches!(self.form, Form::Potential { .. }) {
-            return Err(Error::Value {
-                what: "step",
-                found: step.to_string(),
-                expected: "0, as the potential form needs",
-            });
-        }
-        planner.check_images(images, steps)?;
-        same_length("achieved position", achieved.position.len(), steps, "3")?;
-        let with_rotation = planner.config().outputs == Outputs::Pose;
-        let achieved_rotation = achieved.rotation.unwrap_or_default();
-        if with_rotation {
-            same_length("achieved rotation", achieved_rotation.len(), steps, "3, 3")?;
-        }
-        rewards.start(steps, with_rotation);
-        let (size, mut plans, mut start) = (planner.image_len(), Plans::default(), 0);
-        for run in grasping.chunk_by(|a, b| a == b) {
-            let range = start..start + run.len();
-            start = range.end;
-            if !run[0] {
-                achieved.position[range.clone()].iter().try_for_each(|p| check_position("achieved position", p))?;
-                let mut unused = achieved_rotation.iter().take(range.end).skip(range.start);
-                unused.try_for_each(|rotation| check_rotation("achieved rotation", rotation))?;
-                continue;
-            }
-            let seen: Vec<&[u8]> = images.iter().map(|all| &all[range.start * size..range.end * size]).collect();
-            planner.plan(&seen, run.len(), Modes::Best, step + 1, threads, &mut plans)?;
-            let planned = plans.position.as_chunks::<3>().0.iter().skip(step).step_by(step + 1);
-            for (t, planned) in range.clone().zip(planned) {
-                rewards.position[t] = position_error(planned, &achieved.position[t])?;
-            }
-            let planned = plans.rotation.as_chunks::<3>().0.as_chunks::<3>().0.iter().skip(step).step_by(step + 1);
-            for (t, planned) in range.zip(planned) {
-                rewards.rotation[t] = rotation_error(planned, &achieved_rotation[t])?;
-            }
-        }
-        self.combine(grasping, end, rewards)
+        let reward = self.combine(&position, rotation.as_deref(), grasping, end)?;
+        Ok(Rewards { position, rotation, reward })
     }
 
     /// Rewards from terms that are zero where nothing is held.
-    fn combine(&self, grasping: &[bool], end: EpisodeEnd, rewards: &mut Rewards) -> Result<()> {
+    fn combine(
+        &self,
+        position: &[f64],
+        rotation: Option<&[f64]>,
+        grasping: &[bool],
+        end: EpisodeEnd,
+    ) -> Result<Vec<f64>> {
+        let mut rewards = Vec::with_capacity(grasping.len());
         // -Phi of the state in which a transition starts.
         let mut before = 0.0;
         for (t, held) in grasping.iter().enumerate() {
-            let turned = rewards.rotation.get(t).copied().unwrap_or(0.0);
-            let error = self.weight_position * rewards.position[t] + self.weight_rotation * turned;
+            let turned = rotation.map_or(0.0, |rotation| rotation[t]);
+            let error = self.weight_position * position[t] + self.weight_rotation * turned;
             let error = finite("weighted error", error)?;
-            rewards.reward[t] = match self.form {
+            rewards.push(match self.form {
                 // A difference, because -error would turn 0 into -0.
                 Form::Penalty => 0.0 - error,
                 Form::Literal => error,
@@ -264,22 +199,9 @@ impl RewardLaw {
                     let after = if terminated { 0.0 } else { error };
                     std::mem::replace(&mut before, after) - gamma * after
                 }
-            };
+            });
         }
-        Ok(())
-    }
-}
-
-impl Rewards {
-    /// Makes room for `steps` transitions, all terms zero.
-    fn start(&mut self, steps: usize, with_rotation: bool) {
-        let rotations = if with_rotation { steps } else { 0 };
-        for (values, length) in
-            [(&mut self.position, steps), (&mut self.rotation, rotations), (&mut self.reward, steps)]
-        {
-            values.clear();
-            values.resize(length, 0.0);
-        }
+        Ok(rewards)
     }
 }
 

@@ -71,8 +71,8 @@ pub struct Simulation {
     _owners: [Py<PyAny>; 2],
 }
 
-// SAFETY: the pointers are used by whoever borrows the simulation mutably, or, for the views' shared reads, while no
-// mutable borrow exists; pyo3's borrow flag upholds both. MuJoCo itself does not care which thread calls it.
+// SAFETY: the pointers are used through a mutable borrow of the simulation or, by the views' shared reads, while no
+// mutable borrow exists; pyo3's borrow flag upholds both. MuJoCo may be called from any thread.
 unsafe impl Send for Simulation {}
 // SAFETY: as above; every method that calls MuJoCo or reads its memory is reached through `&mut ControlLoop` only.
 unsafe impl Sync for Simulation {}

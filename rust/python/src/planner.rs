@@ -12,7 +12,7 @@ use crate::error::{shape_error, to_python, unknown_name};
 
 /// The engine behind `ocplanner.Planner`.
 #[pyclass(frozen, module = "ocplanner._core")]
-pub struct PlannerEngine(pub core::Planner);
+struct PlannerEngine(core::Planner);
 
 type Arrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Option<Bound<'py, PyArrayDyn<f64>>>, Bound<'py, PyArrayDyn<f64>>);
 
@@ -40,7 +40,7 @@ impl PlannerEngine {
 
     /// Plans of the most probable mode, or of all modes: positions, rotations or None, probabilities. With `steps` only
     /// that many steps are decoded.
-    #[pyo3(signature = (images, all_modes=false, threads=1, steps=None))]
+    #[pyo3(signature = (images, *, all_modes=false, threads=1, steps=None))]
     fn plan<'py>(
         &self,
         py: Python<'py>,
@@ -54,16 +54,15 @@ impl PlannerEngine {
         let modes = if all_modes { Modes::All } else { Modes::Best };
         let config = self.0.config();
         let steps = steps.unwrap_or(config.horizon);
-        let mut plans = Plans::default();
-        py.detach(|| self.0.plan(&slices, batch, modes, steps, threads, &mut plans))
-            .map_err(|error| to_python(py, &error))?;
+        let plans = py.detach(|| self.0.plan(&slices, batch, modes, steps, threads));
+        let Plans { position, rotation, probability } = plans.map_err(|error| to_python(py, &error))?;
         let leading = if all_modes { vec![batch, config.modes] } else { vec![batch] };
-        let position = output(py, plans.position, &leading, &[steps, 3])?;
+        let position = output(py, position, &leading, &[steps, 3])?;
         let rotation = match config.outputs {
-            Outputs::Pose => Some(output(py, plans.rotation, &leading, &[steps, 3, 3])?),
+            Outputs::Pose => Some(output(py, rotation, &leading, &[steps, 3, 3])?),
             Outputs::Position => None,
         };
-        Ok((position, rotation, output(py, plans.probability, &leading, &[])?))
+        Ok((position, rotation, output(py, probability, &leading, &[])?))
     }
 
     /// Latent means of the most probable mode, (B, latent) float32.
@@ -76,18 +75,17 @@ impl PlannerEngine {
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (views, batch) = self.views(py, &images)?;
         let slices = slices(&views)?;
-        let mut latents = Vec::new();
-        py.detach(|| self.0.encode(&slices, batch, threads, &mut latents)).map_err(|error| to_python(py, &error))?;
+        let latents = py.detach(|| self.0.encode(&slices, batch, threads)).map_err(|error| to_python(py, &error))?;
         output(py, latents, &[batch, self.0.config().latent], &[])
     }
 }
 
 /// Checked images, one array per camera.
-pub type Views<'py> = Vec<PyReadonlyArrayDyn<'py, u8>>;
+type Views<'py> = Vec<PyReadonlyArrayDyn<'py, u8>>;
 
 impl PlannerEngine {
     /// Views of one array of images per camera, all of the same length, and that length.
-    pub fn views<'py>(&self, py: Python<'py>, images: &[Bound<'py, PyAny>]) -> PyResult<(Views<'py>, usize)> {
+    fn views<'py>(&self, py: Python<'py>, images: &[Bound<'py, PyAny>]) -> PyResult<(Views<'py>, usize)> {
         let config = self.0.config();
         if images.len() != config.cameras.len() {
             let message =
@@ -111,15 +109,10 @@ impl PlannerEngine {
         let batch = views.first().map_or(0, |first| first.shape()[0]);
         Ok((views, batch))
     }
-
-    /// Whether plans have rotations.
-    pub fn plans_rotations(&self) -> bool {
-        self.0.config().outputs == Outputs::Pose
-    }
 }
 
 /// The numbers of each view.
-pub fn slices<'a>(views: &'a Views<'_>) -> PyResult<Vec<&'a [u8]>> {
+fn slices<'a>(views: &'a Views<'_>) -> PyResult<Vec<&'a [u8]>> {
     views.iter().map(|array| array.as_slice().map_err(PyErr::from)).collect()
 }
 

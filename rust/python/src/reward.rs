@@ -1,13 +1,12 @@
 //! Bindings of `ocplanner_core::reward`.
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn};
-use ocplanner_core::reward::{self as core, Episode, EpisodeEnd, Form, Poses, Rewards};
+use ocplanner_core::reward::{self as core, EpisodeEnd, Form, Poses, Rewards};
 use pyo3::prelude::*;
 
-use crate::arguments::{Pair, count, items, name};
+use crate::arguments::{Pair, name};
 use crate::arrays::{flags, view_rows};
-use crate::error::{shape_error, to_python, unknown_name};
-use crate::planner::{PlannerEngine, slices};
+use crate::error::{to_python, unknown_name};
 
 type PoseArrays<'py> = Pair<Bound<'py, PyAny>, Option<Bound<'py, PyAny>>>;
 type Terms<'py> = (Bound<'py, PyArray1<f64>>, Option<Bound<'py, PyArray1<f64>>>, Bound<'py, PyArray1<f64>>);
@@ -75,50 +74,12 @@ impl RewardLaw {
         let (planned, achieved) = (PoseViews::new("planned", &planned)?, PoseViews::new("achieved", &achieved)?);
         let grasping = flags("grasping", grasping)?;
         let (planned, achieved) = (planned.poses()?, achieved.poses()?);
-        let mut rewards = Rewards::default();
-        py.detach(|| self.0.rewards(planned, achieved, &grasping, end(terminal), &mut rewards))
-            .map_err(|error| to_python(py, &error))?;
-        Ok(terms(py, rewards, planned.rotation.is_some()))
+        let end = if terminal { EpisodeEnd::Terminated } else { EpisodeEnd::Truncated };
+        let found = py.detach(|| self.0.rewards(planned, achieved, &grasping, end));
+        let Rewards { position, rotation, reward } = found.map_err(|error| to_python(py, &error))?;
+        let rotation = rotation.map(|term| term.into_pyarray(py));
+        Ok((position.into_pyarray(py), rotation, reward.into_pyarray(py)))
     }
-
-    /// Terms and rewards of an episode that a planner sees.
-    #[pyo3(signature = (planner, images, achieved, grasping, *, step=0, terminal=true, threads=1))]
-    #[expect(clippy::too_many_arguments, reason = "the last three are keyword-only, each with a default")]
-    fn label<'py>(
-        &self,
-        py: Python<'py>,
-        planner: &PlannerEngine,
-        #[pyo3(from_py_with = items)] images: Vec<Bound<'py, PyAny>>,
-        achieved: PoseArrays<'py>,
-        grasping: &Bound<'py, PyAny>,
-        #[pyo3(from_py_with = count)] step: usize,
-        terminal: bool,
-        #[pyo3(from_py_with = count)] threads: usize,
-    ) -> PyResult<Terms<'py>> {
-        let (views, batch) = planner.views(py, &images)?;
-        let images = slices(&views)?;
-        let achieved = PoseViews::new("achieved", &achieved)?;
-        let grasping = flags("grasping", grasping)?;
-        let achieved = achieved.poses()?;
-        if grasping.len() != batch {
-            let message = format!("grasping: {} flags, but there are {batch} images", grasping.len());
-            return Err(shape_error(py, message));
-        }
-        let episode = Episode { images: &images, achieved, grasping: &grasping, end: end(terminal) };
-        let mut rewards = Rewards::default();
-        py.detach(|| self.0.label(&planner.0, &episode, step, threads, &mut rewards))
-            .map_err(|error| to_python(py, &error))?;
-        Ok(terms(py, rewards, planner.plans_rotations()))
-    }
-}
-
-fn end(terminal: bool) -> EpisodeEnd {
-    if terminal { EpisodeEnd::Terminated } else { EpisodeEnd::Truncated }
-}
-
-fn terms(py: Python<'_>, rewards: Rewards, with_rotation: bool) -> Terms<'_> {
-    let rotation = with_rotation.then(|| rewards.rotation.into_pyarray(py));
-    (rewards.position.into_pyarray(py), rotation, rewards.reward.into_pyarray(py))
 }
 
 /// Adds this file's class to the module.

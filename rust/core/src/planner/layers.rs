@@ -7,7 +7,8 @@ use crate::nn::kernels::{Level, Nonlinearity, Storage, padded};
 use crate::nn::linear::Linear;
 use crate::nn::lstm::{Decoder, DecoderWeights};
 
-/// The predictor. Its weights stay f32 under either storage: rounding them would move the latent most for what it saves.
+/// The predictor. Its weights stay f32 under either storage, because rounding them would move the latent most and save
+/// little.
 pub(super) fn load_predictor(
     level: Level,
     config: &PlannerConfig,

@@ -215,9 +215,9 @@ pub struct Tiles {
     pub columns: usize,
     /// Channels, in whole groups.
     pub channels: usize,
-    /// Pixel rows of the image: stored ones for inputs, those without the border for outputs.
+    /// Pixel rows of the image: with one row of border on either side for inputs, without border for outputs.
     pub height: usize,
-    /// Pixel columns, likewise.
+    /// Pixel columns, counted in the same way.
     pub width: usize,
     /// Distance between two pixel rows.
     pub row_stride: usize,
