@@ -23,29 +23,29 @@ from ocplanner.rollouts.settings import WorkerSettings
 class Demo:
     """The main job: demonstrations of a Panda -> planner -> another arm; ends with a success rate, videos and a report.
 
-    Without --data it first collects scripted demonstrations of Square. Stop it whenever you like: the same command goes
-    on where it was, and one with another --data, --demonstrations, --seed or --stages needs another --out.
+    Without --data it first collects scripted demonstrations of Square. You can stop it at any time; the same command
+    continues where it stopped. Another --data, --demonstrations, --seed or --stages needs another --out.
     """
 
     data: Path | None = None
-    """A robomimic data set with states to learn from, such as Square PH; collected when not given."""
+    """A robomimic data set with states, such as Square PH. Default: collect one."""
     out: Path = Path("runs/demo")
-    """The folder that receives everything."""
+    """Folder of everything that is made."""
     robot: str = "Sawyer"
-    """The arm to carry the skill to."""
+    """The arm that the skill is transferred to."""
     demonstrations: int = 100
-    """How many demonstrations to collect when there is no data set."""
+    """How many demonstrations to collect without --data."""
     episodes: int = 20
-    """Zero-shot episodes, seeds 10000 and up."""
+    """Zero-shot episodes, from seed 10000 on."""
     stages: tuple[int, int, int] | None = None
-    """Steps of the three stages of training; a few are enough to try the plumbing. Default: the cpu preset's."""
+    """Steps of the three stages of training; a few suffice to try the pipeline. Default: the cpu preset's."""
     seed: int = 0
     """Seed of collecting and training."""
     workers: int = 2
-    """Processes."""
+    """Worker processes."""
 
     def run(self) -> None:
-        """Take the steps that are not done yet, one after the other."""
+        """Run the steps that are not done yet."""
         robot_spec(self.robot)
         DemoInputs(
             data=None if self.data is None else str(self.data.absolute()),

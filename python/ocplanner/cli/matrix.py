@@ -11,7 +11,7 @@ from ocplanner.cli.transfer import EpisodeBar
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import InvalidValueError
 from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.zero_shot.result import TransferResult
@@ -23,27 +23,26 @@ _PLANNERS = Path("results/planners")
 class Matrix:
     """Try the planner of every task on every robot, and draw the success rates as a heat map.
 
-    Stop it whenever you like: the same command goes on where it was.
+    You can stop it at any time; the same command continues where it stopped.
     """
 
     planners: tuple[Path, ...] = ()
-    """Planner files, one a task or an object of it, or folders. Default: results/planners."""
+    """Planner files, one for each task or each object of a task, or folders. Default: results/planners."""
     planner_seed: int = 0
-    """Of the planners in a folder take those of this training seed."""
+    """From folders, take the planners of this training seed."""
     robots: tuple[str, ...] = tuple(ROBOTS)
     """The arms."""
     episodes: int = 50
     """Episodes of each task on each robot."""
-    seed_start: int = 10000
+    seed_start: int = FIRST_SEED
     """Seed of the first episode; the others follow."""
     config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
-    """How the episodes are run."""
     workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=WorkerSettings)
-    """Where the episodes run."""
     videos: int = 0
-    """Record so many successes and so many failures of each task on each robot as mp4."""
+    """Record this many successes and this many failures of each task on each robot as mp4."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("results/matrix.json")
-    """Result file, beside the folder of its cells. Cells of other tasks, robots and conditions in it stay."""
+    """Result file; its cells are files in a folder of the same name. It keeps its cells of other tasks, robots and
+    conditions."""
     overwrite: bool = False
     """Replace cells that hold other episodes, or those of another planner."""
 

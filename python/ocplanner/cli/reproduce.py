@@ -1,7 +1,5 @@
 """``ocplanner reproduce``: remake the measured results."""
 
-import shlex
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +13,7 @@ from ocplanner.reproduction import encoders, experiments, held_out, policy_exper
 from ocplanner.reproduction.experiments import PlannerExperiment
 from ocplanner.reproduction.markdown_tables import write_tables
 from ocplanner.reproduction.policy_tables import TABLES, PolicyTable
+from ocplanner.versions import running_command
 
 
 @dataclass(frozen=True)
@@ -22,25 +21,25 @@ class Reproduce:
     """Remake the files under ``results/``: planners trained on Square PH, their zero-shot transfers, policies, tables;
     and the paper's figures.
 
-    What is there already is not done again; run the same command again after a stop.
+    It skips files that exist. You can stop it at any time; the same command continues where it stopped.
     """
 
     part: Annotated[
         Literal["planners", "zero-shot", "matrix", "pose-noise", "encoders", "tables"] | None, tyro.conf.Positional
     ] = None
     """planners: images, training and held-out errors. zero-shot: every planner on every arm. matrix: every task on
-    every arm. pose-noise: Square on Sawyer with poses that are wrong. encoders: the search for the smallest image
-    encoder. tables: rewrite those in README.md and results/README.md from the result files, which the others do too.
-    Nothing with --table or --figure."""
+    every arm. pose-noise: Square on Sawyer with imprecise object poses. encoders: the search for the smallest image
+    encoder. tables: rewrite those in README.md and results/README.md from the result files, as the other parts do too.
+    Leave it out with --table or --figure."""
     table: Literal[1, 2] | None = None
     """A table of the paper, its policies trained and evaluated. 1: with and without the plan as a hint. 2: BCQ with and
     without the plan's reward."""
     figure: Literal[4, 5, 6, 7, 8] | None = None
-    """A figure of the paper, drawn with planners of the first seed; those that are not among the results are trained.
+    """A figure of the paper, drawn with planners of the first seed; planners that the results lack are trained.
     4: validation losses for H = 5, 20 and 50. 5, 6: planned and true positions for H = 20, 50. 7: latent plans along
     10 demonstrations. 8: a zero-shot episode on Sawyer."""
     preset: Preset = "cpu"
-    """Of the figures' planners; only the preset cpu has some among the results."""
+    """Preset of the figures' planners; the results hold only those of the preset cpu."""
     device: str = "cpu"
     """torch device of the figures' trainings."""
     images: Path = Path("docs/images")
@@ -48,23 +47,23 @@ class Reproduce:
     data: Path = Path("square_ph.hdf5")
     """robomimic's Square PH low-dimensional data set."""
     work: Path = Path("runs/reproduce")
-    """Images, run folders and logs."""
+    """Folder of images, run folders and logs."""
     results: Path = Path("results")
-    """Result files and planner files."""
+    """Folder of result files and planner files."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Training seeds."""
     episodes: int = 100
-    """Episodes of each transfer, seeds 10000 and up; half as many for matrix and pose-noise. Policies: half as many for
-    each checkpoint, seeds 20000 and up."""
+    """Episodes of each transfer, from seed 10000 on; half as many for matrix and pose-noise. For policies, half as many
+    for each checkpoint, from seed 20000 on."""
     workers: int = 2
-    """Processes."""
+    """Worker processes."""
     channels: tuple[int, ...] = ()
-    """planners: channels of the encoder's convolutions, if not the preset's; give also --work and --results."""
+    """planners: channels of the encoder's convolutions, if not the preset's; give --work and --results, too."""
     again: bool = False
-    """Train also the planners that the results hold already; runs that are finished in the work folder are taken."""
+    """Train also the planners that the results already hold, except those whose run in the work folder is finished."""
 
     def run(self) -> None:
-        """Do what is missing, one line for each step done."""
+        """Run the missing steps and print a line for each."""
         if sum(asked is not None for asked in (self.part, self.table, self.figure)) != 1:
             raise InvalidValueError(
                 "say what to remake: planners, zero-shot, matrix, pose-noise, encoders or tables, or --table 1 or 2, "
@@ -95,10 +94,9 @@ class Reproduce:
                 console.print(f"kept {experiment.name}")
         for name in reproduction.render_images(missing, self.data, self.work, self.workers):
             console.print(f"rendered {name}")
-        command = shlex.join(["ocplanner", *sys.argv[1:]])
         for experiment in reproduction.train_all(missing, self.work, self.workers):
-            out = held_out.write([experiment], wanted, self.work, self.results, command)
-            reproduction.publish(experiment, self.work, self.results)  # last: a planner file says that its rows are new
+            out = held_out.write([experiment], wanted, self.work, self.results, running_command())
+            reproduction.publish(experiment, self.work, self.results)  # last: a planner file means that its rows exist
             console.print(f"trained {experiment.name}; errors in {out}")
 
     def _zero_shot(self, console: Console) -> None:
@@ -138,9 +136,8 @@ class Reproduce:
         wanted = encoders.encoder_experiments(self.seeds)
         for name in reproduction.render_images([PlannerExperiment()], self.data, self.work, self.workers):
             console.print(f"rendered {name}")
-        command = shlex.join(["ocplanner", *sys.argv[1:]])
         for experiment in encoders.train_encoders(wanted, self.work, self.workers):
-            out = encoders.write(wanted, self.work, self.results, command)
+            out = encoders.write(wanted, self.work, self.results, running_command())
             write_tables(self.results)
             console.print(f"trained {experiment.name}; errors in {out}")
 

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from ocplanner.progress import counting_columns
 from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.files.records.episode import EpisodeResult
@@ -20,27 +20,25 @@ if TYPE_CHECKING:
 class Transfer:
     """Solve a planner's task on a robot that never demonstrated it.
 
-    Stop it whenever you like: the same command goes on where it was.
+    You can stop it at any time; the same command continues where it stopped.
     """
 
     planner: tuple[Path, ...]
-    """Planner file (.safetensors) or the run folder of its training; for a task with several objects one for each."""
+    """Planner file (.safetensors) or the run folder of its training; for a task with several objects, one for each."""
     robot: str = "Sawyer"
     """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7."""
     episodes: int = 50
     """Episodes to run."""
-    seed_start: int = 10000
+    seed_start: int = FIRST_SEED
     """Seed of the first episode; the others follow."""
     config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
-    """How the episodes are run."""
     workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=WorkerSettings)
-    """Where the episodes run."""
     videos: int = 0
-    """Record so many of the first episodes as mp4."""
+    """Record this many of the first episodes as mp4."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Result file. Default: results/transfer/TASK_ROBOT_FOLLOW_OBSERVE_SEED.json."""
     overwrite: bool = False
-    """Replace the result file if it is there."""
+    """Replace the result file if it exists."""
 
     def run(self) -> None:
         """Transfer with a progress bar."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ocplanner.errors import MismatchError, ResultFileError
-from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.files.records.episode import EpisodeResult
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class View:
     """Show a zero-shot episode in three dimensions, in the browser: robot, objects, planned and achieved path, time.
 
-    For a planner file an episode is run; for a result of `ocplanner transfer` one of its episodes is run again under
-    the same conditions, and a note says if it ends otherwise than it did then. Needs viser: pip install
+    Given a planner file, it runs an episode. Given a result of `ocplanner transfer`, it runs one of its episodes again
+    under the result's own conditions; a note says if the episode ends differently. Needs viser: pip install
     'ocplanner[viewer]'. Ctrl-C ends it.
     """
 
@@ -36,19 +36,19 @@ class View:
     seed: int | None = None
     """Seed of the episode. Default: 10000; for a result its first failure, if any, else its first episode."""
     robot: str = "Sawyer"
-    """The arm; a result has its own."""
+    """The arm; ignored for a result, which names its own."""
     config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
-    """How the episode is run; a result has its own conditions."""
+    """Ignored for a result, which states its own conditions."""
     host: str = "127.0.0.1"
-    """Address to listen on; 0.0.0.0: other machines may look, too."""
+    """Address to listen on; 0.0.0.0 lets other machines look, too."""
     port: int = 8080
-    """Port to listen on; 0: any that is free."""
+    """Port to listen on; 0 takes any free one."""
 
     def run(self) -> None:
         """Record the episode, say where it is shown, and serve until interrupted."""
         from ocplanner.report.viewer import Viewer, load_viser
 
-        load_viser()  # before an episode is run in vain
+        load_viser()  # an error here must come before the episode
         playback = self.playback()
         with Viewer(playback, self.host, self.port) as viewer:
             sys.stdout.write(f"{playback.title}: {playback.outcome}\n{viewer.address} (Ctrl-C ends it)\n")
@@ -70,7 +70,7 @@ class View:
         if self.source.suffix == ".json":
             return self._again()
         setup = TransferSetup.of((self.source, *self.planner), self.robot, self.config)
-        return record_playback(setup, 10000 if self.seed is None else self.seed)
+        return record_playback(setup, FIRST_SEED if self.seed is None else self.seed)
 
     def _again(self) -> "Playback":
         from ocplanner.report.viewer import record_playback

@@ -46,6 +46,8 @@ def heat_map(groups: Sequence[TransferGroup]) -> HeatMap:
     for group in groups:
         record = group.records[0]
         row = f"{record.task} ({record.setting})" if several else record.task
+        if (row, record.robot) in cells:  # of versions whose patches differ
+            row += f", patches: {', '.join(record.patches) or 'none'}"
         cells[row, record.robot] = group
     rows, robots = (tuple(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     return HeatMap(rows, robots, cells)

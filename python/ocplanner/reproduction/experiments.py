@@ -14,7 +14,7 @@ class PlannerExperiment:
     outputs: str = "pose"
     seed: int = 0
     channels: tuple[int, ...] = ()
-    """Of the encoder; the preset's if empty. Not in the name: give other encoders folders of their own."""
+    """Channels of the encoder; empty: the preset's. The name does not contain them: use another results folder."""
 
     @property
     def name(self) -> str:
@@ -23,7 +23,7 @@ class PlannerExperiment:
 
     @property
     def transferred(self) -> bool:
-        """Whether transfers run it, so that its planner file belongs to the results."""
+        """Whether transfers use it, so that its planner file belongs to the results."""
         return (self.horizon, self.outputs) == (20, "pose")
 
     def file(self, results: Path) -> Path:
@@ -36,7 +36,12 @@ class TransferExperiment:
     """One planner on one arm.
 
     Attributes:
-        pose_noise: standard deviations of the pose that is read, mm and degrees, in an experiment with pose noise.
+        robot: name of the arm.
+        follow: follow mode.
+        observe: what the planner sees.
+        seed: training seed of the planner.
+        mask_error: pixels by which masks are wrong.
+        pose_noise: standard deviations of the object's pose, mm and degrees, in an experiment with pose noise.
         pose_filter: control steps over which that pose is averaged.
     """
 
@@ -72,9 +77,9 @@ POSE_FILTER_STEPS = 8
 
 
 def planner_experiments(seeds: Sequence[int]) -> tuple[PlannerExperiment, ...]:
-    """Every seed of the H = 20 pose planner for each kind of observation, and one of every other horizon and output.
+    """Every seed of the H = 20 pose planner for each observation, and one seed of every other horizon and output.
 
-    In the order of what matters: the default first, the upper bound and the plain images beside it, then the rest.
+    Ordered by importance: first the default, then the upper bound and the plain images, then the rest.
     """
     first, *rest = seeds
     experiments = [PlannerExperiment(seed=seed) for seed in seeds]
@@ -90,9 +95,9 @@ def planner_experiments(seeds: Sequence[int]) -> tuple[PlannerExperiment, ...]:
 
 
 def transfer_experiments(seeds: Sequence[int]) -> tuple[TransferExperiment, ...]:
-    """Every planner on every arm; the paper's ways of following and imperfect masks on Sawyer.
+    """Every planner on every arm; the paper's follow modes and imperfect masks on Sawyer.
 
-    In the order of what matters, like the planners.
+    Ordered by importance, like the planners.
     """
     first, *rest = seeds
     experiments = [TransferExperiment(robot, seed=seed) for seed in seeds for robot in ROBOTS]
@@ -114,7 +119,7 @@ def transfer_experiments(seeds: Sequence[int]) -> tuple[TransferExperiment, ...]
 
 
 def pose_noise_experiments(seed: int) -> tuple[TransferExperiment, ...]:
-    """Every size of pose noise on Sawyer with the filter; noise of the position alone also without it."""
+    """Every size of pose noise on Sawyer with the filter; position noise alone also without it."""
     filtered = [
         TransferExperiment("Sawyer", seed=seed, pose_noise=(millimetres, degrees), pose_filter=POSE_FILTER_STEPS)
         for degrees in POSE_NOISE_DEG

@@ -20,12 +20,12 @@ from ocplanner.reproduction.summary import (
 
 
 def write_tables(results: Path) -> list[Path]:
-    """Rewrite the tables in ``README.md`` of the results, if any, and in the project's pages if these are its main.
+    """Rewrite the tables in the results' ``README.md``, and, for the folder ``results``, in the project's pages.
 
-    ``TABLE`` holds the success rates, ``MASKERROR`` those with masks that are off, ``HELDOUT`` the errors on held-out
-    demonstrations, ``ENCODERS`` those of the encoders that were tried, ``TABLE1`` and ``TABLE2`` the
-    success rates of policies, ``MATRIX`` every task on every arm and ``MATRIXFAILURES`` how episodes of it failed,
-    ``POSENOISE`` success with poses that are wrong, ``PAPER`` every rate that the paper states beside ours.
+    ``TABLE`` holds the success rates, ``MASKERROR`` those with wrong masks, ``HELDOUT`` the errors on held-out
+    demonstrations, ``ENCODERS`` the errors of the encoders tried, ``TABLE1`` and ``TABLE2`` the success rates of
+    policies, ``MATRIX`` every task on every arm, ``MATRIXFAILURES`` its failures, ``POSENOISE`` success with wrong
+    poses, ``PAPER`` every rate that the paper states beside ours.
 
     Returns:
         The files that have such tables, changed or not.
@@ -47,7 +47,7 @@ def write_tables(results: Path) -> list[Path]:
     }
     marked = []
     pages = [results / "README.md"]
-    if results.resolve().name == "results":  # others are further sets, of which the main page does not tell
+    if results.resolve().name == "results":  # the main page shows no other set
         project = results.resolve().parent
         pages = [project / "README.md", *pages, project / "docs" / "paper.md"]
     for path in pages:
@@ -65,12 +65,12 @@ def write_tables(results: Path) -> list[Path]:
 
 
 def replace_tables(text: str, tables: Mapping[str, str], path: Path) -> str:
-    """``text`` with what stands between the markers of each table replaced; tables without markers are not put in.
+    """``text`` with the content between the markers of each table replaced; tables without markers are left out.
 
     Args:
         text: Markdown.
         tables: name of the markers -> the table.
-        path: where the text is from, for messages.
+        path: origin of the text, for messages.
 
     Raises:
         ResultFileError: a table begins but does not end.

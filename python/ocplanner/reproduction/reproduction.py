@@ -16,13 +16,11 @@ from ocplanner.files.storage import atomic_write
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.reproduction.experiments import PlannerExperiment, TransferExperiment
 from ocplanner.zero_shot.result import read_result
-
-FIRST_SEED = 10000
-"""Of evaluation; the other seeds follow."""
+from ocplanner.zero_shot.settings import FIRST_SEED
 
 
 def run_command(arguments: list[str], log: Path) -> None:
-    """Run one ``ocplanner`` command, its output in a log.
+    """Run one ``ocplanner`` command and append its output to a log.
 
     Raises:
         OutputError: the command failed.
@@ -37,12 +35,12 @@ def run_command(arguments: list[str], log: Path) -> None:
 
 
 def images(work: Path, observe: str) -> Path:
-    """The rendered data set of one kind of observation."""
+    """The rendered data set of one observation."""
     return work / f"square_{observe}.hdf5"
 
 
 def render_images(experiments: Iterable[PlannerExperiment], data: Path, work: Path, workers: int) -> Iterator[str]:
-    """Render the data set once for each kind of observation that the planners see; yields what was made."""
+    """Render the data set once for each observation of the planners; yields the names of new files."""
     for observe in dict.fromkeys(experiment.observe for experiment in experiments):
         target = images(work, observe)
         if not target.exists():
@@ -65,7 +63,7 @@ def train(experiment: PlannerExperiment, work: Path) -> PlannerExperiment:
 
 
 def publish(experiment: PlannerExperiment, work: Path, results: Path) -> None:
-    """Copy a trained planner into the results, if it is one that transfers run."""
+    """Copy a trained planner into the results, if transfers use it."""
     if experiment.transferred:
         with atomic_write(experiment.file(results)) as temporary:
             shutil.copyfile(work / experiment.name / FILE_NAME, temporary)
@@ -107,7 +105,7 @@ def _check_kept(out: Path, planner: Path, episodes: int) -> None:
 
 
 def transfer_matrix(seed: int, work: Path, results: Path, episodes: int, workers: int) -> Path:
-    """Run every task on every arm with the planners of a training seed, as far as it has not been done."""
+    """Run the missing cells of every task on every arm, with the planners of one training seed."""
     out = results / "matrix.json"
     flags = ["--planners", str(results / "planners"), "--planner-seed", str(seed), "--workers", str(workers)]
     flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_SEED), "--out", str(out)]
@@ -116,6 +114,6 @@ def transfer_matrix(seed: int, work: Path, results: Path, episodes: int, workers
 
 
 def train_all(experiments: Iterable[PlannerExperiment], work: Path, workers: int) -> Iterator[PlannerExperiment]:
-    """Train several planners side by side, one thread each; yields each one when it and those before it are done."""
+    """Train several planners side by side, one thread each; yields each when it and those before it are done."""
     with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(lambda experiment: train(experiment, work), experiments)

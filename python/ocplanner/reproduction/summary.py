@@ -18,22 +18,25 @@ NOTHING = "Not measured yet."
 
 
 def transfer_table(folder: Path) -> str:
-    """A table of every result file in ``folder``: one row a follow mode and observation, one column a robot.
+    """The result files in a folder: one row for each set of conditions, one column for each robot.
 
     A cell lists the successes of each training seed in order, and their mean when there are several.
 
     Raises:
         ResultFileError: a file is damaged.
     """
-    cells = _cells(
-        _read(folder), lambda result: (result.settings.control.follow, result.observe), lambda result: result.robot
-    )
+
+    def setting(result: TransferResult) -> tuple[str, str]:
+        follow, _, others = result.setting.partition(", ")
+        return follow, others
+
+    cells = _cells(_read(folder), setting, lambda result: result.robot)
     robots = sorted({robot for row in cells.values() for robot in row})
     return _table(("follow", "observe"), robots, {key: cells[key] for key in sorted(cells)})
 
 
 def mask_error_table(folder: Path, perfect: Path) -> str:
-    """Success rates with masks of the robot that are some pixels off, one column a number of pixels.
+    """Success rates with robot masks that are some pixels off, one column for each number of pixels.
 
     Args:
         folder: result files with a mask error.
@@ -60,7 +63,7 @@ def mask_error_table(folder: Path, perfect: Path) -> str:
 
 
 def matrix_table(path: Path) -> str:
-    """Successes and 95 % intervals of a ``matrix.json``, one row a task, one column a robot.
+    """Successes and 95 % intervals of a ``matrix.json``, one row for each task, one column for each robot.
 
     Raises:
         ResultFileError: the file is damaged.
@@ -73,7 +76,7 @@ def matrix_table(path: Path) -> str:
 
 
 def failure_table(path: Path) -> str:
-    """Failed episodes of a ``matrix.json`` by class, one row a cell that has any.
+    """Failed episodes of a ``matrix.json`` by class, one row for each cell that has any.
 
     Raises:
         ResultFileError: the file is damaged.
@@ -89,7 +92,7 @@ def _matrix(path: Path) -> HeatMap:
 
 
 def pose_noise_table(folder: Path) -> str:
-    """Successes with poses that are wrong, one row a filter and a rotation noise, one column a position noise.
+    """Successes with wrong poses, one row for each filter and rotation noise, one column for each position noise.
 
     Raises:
         ResultFileError: a file is damaged.

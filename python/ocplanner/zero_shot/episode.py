@@ -18,6 +18,7 @@ from ocplanner.geometry.rotation import angle_between
 
 _SLIPPED = 0.8  # rad: an object that has turned farther in the grip has slipped
 _AT_THE_GOAL = 0.03  # m: an object that is nearer to where the plans end was only not let go of
+_UNPLANNED = ("grasp", "release", "recover", "go")  # phases in which no plan is followed
 _STUCK, _STUCK_STEPS = 0.03, 60  # m: an object that stayed within this horizontally over the last steps is stuck
 
 
@@ -30,6 +31,14 @@ class Trace:
     plans: list[tuple[int, np.ndarray]] = field(default_factory=list)
     objects: list[str] = field(default_factory=list)
     """Name of the active object."""
+
+    def followed_plans(self) -> list[np.ndarray | None]:
+        """The plan in force at each step, (H, 3) world, metres; None in phases that follow none."""
+        plans, followed, current = dict(self.plans), [], None
+        for step, phase in enumerate(self.phases):
+            current = plans.get(step, current)
+            followed.append(None if phase in _UNPLANNED else current)
+        return followed
 
 
 @dataclass(frozen=True)

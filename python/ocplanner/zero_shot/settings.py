@@ -13,6 +13,8 @@ from ocplanner.settings import build, require, require_choice, to_dict
 
 Visual = Literal["fast", "stock"]
 ControlLoop = Literal["native", "stock"]
+FIRST_SEED = 10000
+"""Of evaluation; the seeds of the other episodes follow it, and none of them is used in training."""
 
 
 def _following(follow: FollowMode = "gated") -> ControlSettings:

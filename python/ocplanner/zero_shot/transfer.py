@@ -13,11 +13,9 @@ from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require
 from ocplanner.zero_shot.result import TransferResult, with_episodes
-from ocplanner.zero_shot.settings import TransferConfig
+from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
 from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 from ocplanner.zero_shot.task_planners import TaskPlanners
-
-FIRST_SEED = 10000
 
 
 def transfer(

@@ -8,12 +8,12 @@ from trimesh.visual import ColorVisuals
 
 from ocplanner.envs.simulator import mujoco
 
-_VISUAL_GROUP = 1  # robosuite's; group 0 holds what collides
-_WORLD = 0  # floor and walls: they would stand between the scene and its viewer
+_VISUAL_GROUP = 1  # robosuite's; group 0 holds the collision geoms
+_WORLD = 0  # floor and walls would hide the scene
 
 
 def body_meshes(model: Any) -> dict[str, trimesh.Trimesh]:
-    """Body name -> what is seen of it, in its own frame, metres; without the world's floor and walls.
+    """Body name -> visible mesh in the body's frame, metres; without the world's floor and walls.
 
     Args:
         model: the compiled ``mujoco.MjModel`` of a robosuite environment.
@@ -34,7 +34,7 @@ def body_meshes(model: Any) -> dict[str, trimesh.Trimesh]:
 
 def _joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
     joined = trimesh.util.concatenate(meshes)
-    if not isinstance(joined, trimesh.Trimesh):  # of meshes it makes a mesh
+    if not isinstance(joined, trimesh.Trimesh):  # meshes always make a mesh
         raise TypeError(type(joined))
     return joined
 
@@ -67,7 +67,7 @@ def _mesh(model: Any, geom: int) -> trimesh.Trimesh | None:
 
 
 def _colour(model: Any, geom: int) -> np.ndarray:
-    """(4,) uint8 of a geom: its material's colour, with a texture the mean of that, else its own."""
+    """(4,) uint8: a geom's own colour, or its material's, multiplied by the mean of its texture."""
     material = int(model.geom_matid[geom])
     rgba = np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], dtype=np.float64)
     textures = [] if material < 0 else [int(one) for one in model.mat_texid[material] if one >= 0]

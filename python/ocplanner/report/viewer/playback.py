@@ -8,9 +8,6 @@ import trimesh
 from ocplanner.report.viewer.bodies import body_meshes
 from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 
-_UNPLANNED = ("grasp", "release", "recover", "go")
-"""Phases in which no plan is followed."""
-
 
 @dataclass(frozen=True)
 class Playback:
@@ -57,11 +54,6 @@ def record_playback(setup: TransferSetup, seed: int) -> Playback:
     finally:
         runner.close()
     trace = episode.trace
-    plans, planned = dict(trace.plans), []
-    current: np.ndarray | None = None
-    for step, phase in enumerate(trace.phases):
-        current = plans.get(step, current)
-        planned.append(None if phase in _UNPLANNED else current)
     return Playback(
         title=f"{setup.result.title}, seed {seed}",
         outcome="success" if episode.success else str(episode.failure),
@@ -69,6 +61,6 @@ def record_playback(setup: TransferSetup, seed: int) -> Playback:
         positions={name: np.stack([position[body] for position, _ in poses]) for name, body in bodies.items()},
         quats_wxyz={name: np.stack([quat[body] for _, quat in poses]) for name, body in bodies.items()},
         achieved=np.stack([reading.object.position for reading in trace.readings]),
-        planned=planned,
+        planned=trace.followed_plans(),
         phases=list(trace.phases),
     )

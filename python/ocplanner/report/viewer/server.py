@@ -16,9 +16,9 @@ _CONTROL_HZ = 20
 
 
 class Viewer:
-    """A web page with a playback: robot, objects, planned and achieved path, a slider for the time.
+    """A web page with a playback: robot, objects, planned and achieved path, and a time slider.
 
-    Use it as a context manager, or call :meth:`close`. The page needs no network but the one to this machine.
+    Use it as a context manager, or call :meth:`close`. The page loads nothing from elsewhere.
 
     Args:
         playback: the episode.
@@ -72,7 +72,7 @@ class Viewer:
         self.server.stop()
 
     def __enter__(self) -> Self:
-        """It serves since it was made."""
+        """Serving began when it was made."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -104,7 +104,7 @@ class Viewer:
         self.show(0)
 
     def _play(self) -> None:
-        """Turn the time forward while ``play`` is ticked, until the end."""
+        """Advance the time while ``play`` is ticked, until the end."""
         while not self._closed.wait(1 / (_CONTROL_HZ * self.speed.value)):
             if self.playing.value and self.slider.value < len(self._playback) - 1:
                 self.slider.value += 1
@@ -112,7 +112,7 @@ class Viewer:
                 self.playing.value = False
 
     def _start(self) -> None:
-        """Who ticks ``play`` at the end wants to see it from the beginning."""
+        """Start again if ``play`` is ticked at the end."""
         if self.playing.value and self.slider.value == len(self._playback) - 1:
             self.slider.value = 0
 
@@ -135,7 +135,7 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 
 
 def _free_port(host: str, port: int) -> int:
-    """The port, or a free one for 0; viser itself would take another one silently."""
+    """The port, or a free one for 0; viser itself would silently take another one."""
     with socket.socket() as probe:
         try:
             probe.bind((host, port))
