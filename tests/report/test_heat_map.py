@@ -29,7 +29,7 @@ def test_a_cell_has_the_count_and_the_interval_and_one_that_was_not_run_says_so(
 
 def test_several_planners_give_their_mean(write_result):
     paths = [write_result("a", successes=3), write_result("b", successes=0, planner_sha256="cd" * 32)]
-    assert texts(draw_heat_map(table(paths))) == ["38 %", "2 planners"]
+    assert texts(draw_heat_map(table(paths))) == ["38 %", "0-88 %\n2 planners"]
 
 
 def test_settings_are_named_where_they_differ(write_result):

@@ -14,6 +14,20 @@ def test_planners_of_one_setting_form_a_group(write_result):
     assert groups[0].failures == {"slip": 2}
 
 
+def test_the_interval_of_several_planners_knows_that_they_differ(write_result):
+    """One planner succeeds always, the other never: the episodes together would say 50 %, within 5 points."""
+    good = write_result("good", successes=200, failures=())
+    bad = write_result("bad", successes=0, failures=("slip",) * 200, planner_sha256="cd" * 32)
+    (group,) = group_results(record for path in (good, bad) for record in read_results(path))
+    assert group.mean_rate == 0.5
+    assert group.interval == (0.0, 1.0)
+
+
+def test_the_interval_of_one_planner_is_that_of_its_file(write_result):
+    (group,) = group_results(read_results(write_result("a")))
+    assert group.interval == (0.2, 0.9)
+
+
 def test_a_patch_switched_off_is_another_setting(write_result):
     paths = [write_result("with"), write_result("without", patches=[])]
     groups = group_results(record for path in paths for record in read_results(path))

@@ -54,12 +54,13 @@ def heat_map(groups: Sequence[TransferGroup]) -> HeatMap:
 
 
 def cell_text(group: TransferGroup) -> tuple[str, str]:
-    """What stands in a cell: the count and the 95 % interval, or the mean rate of several planners."""
-    record = group.records[0]
+    """The text of a cell: the count, or the mean rate of several planners, and the 95 % interval."""
+    low, high = group.interval
+    interval = f"{100 * low:.0f}-{100 * high:.0f} %"
     if len(group.records) > 1:
-        return f"{100 * group.mean_rate:.0f} %", f"{len(group.records)} planners"
-    low, high = record.interval
-    return f"{record.successes}/{record.episodes}", f"{100 * low:.0f}-{100 * high:.0f} %"
+        return f"{100 * group.mean_rate:.0f} %", f"{interval}, {len(group.records)} planners"
+    (record,) = group.records
+    return f"{record.successes}/{record.episodes}", interval
 
 
 def draw_heat_map(table: HeatMap) -> Figure:
@@ -78,7 +79,8 @@ def draw_heat_map(table: HeatMap) -> Figure:
                 ink = "white" if group.mean_rate > _LIGHT_TEXT else INK
                 count, interval = cell_text(group)
                 axes.text(column, row - 0.12, count, ha="center", va="center", weight="bold", color=ink)
-                axes.text(column, row + 0.24, interval, ha="center", va="center", fontsize=7, color=ink)
+                below = interval.replace(", ", "\n")
+                axes.text(column, row + 0.24, below, ha="center", va="center", fontsize=7, color=ink)
         axes.set(xlim=(-0.5, len(table.robots) - 0.5), ylim=(len(table.rows) - 0.5, -0.5))
         axes.set_xticks(range(len(table.robots)), table.robots)
         axes.set_yticks(range(len(table.rows)), table.rows)
@@ -86,7 +88,7 @@ def draw_heat_map(table: HeatMap) -> Figure:
         axes.tick_params(length=0)
         axes.grid(visible=False)
         axes.spines[:].set_visible(False)
-        axes.set_xlabel("successes of episodes, with 95 % Wilson intervals", fontsize=8, color=MUTED)
+        axes.set_xlabel("successes of episodes, with 95 % intervals", fontsize=8, color=MUTED)
     return figure
 
 

@@ -106,7 +106,9 @@ def shared_legend(figure: Figure) -> None:
 
 
 def success_rates(groups: Sequence[TransferGroup]) -> Figure:
-    """Success rates: a bar at the mean over planners, a dot for each planner with its 95 % Wilson interval."""
+    """Success rates: a dot for each planner with its 95 % Wilson interval, a bar at the mean of several planners with
+    an interval over planners and episodes.
+    """
     with styled():
         figure = new_figure(7.4, 0.75 + sum(_row_height(group) for group in groups))
         axes = figure.subplots()
@@ -117,6 +119,8 @@ def success_rates(groups: Sequence[TransferGroup]) -> Figure:
             center = top + height / 2
             ticks.append(center)
             axes.barh(center, group.mean_rate, height=height * 0.72, color=SERIES[0], alpha=0.22)
+            if len(group.records) > 1:
+                axes.hlines(top + 0.86 * height, *group.interval, color=MUTED, linewidth=1.4)
             offsets = np.arange(len(group.records)) - (len(group.records) - 1) / 2
             for record, offset in zip(group.records, offsets):
                 low, high = record.interval
@@ -127,7 +131,7 @@ def success_rates(groups: Sequence[TransferGroup]) -> Figure:
             axes.text(1.02, center, counts, va="center", fontsize=8, transform=axes.get_yaxis_transform())
             top += height
         axes.set_yticks(ticks, [group.title for group in groups])
-        axes.set(xlim=(0, 1.0), ylim=(top, 0), xlabel="success rate, with 95 % Wilson intervals")
+        axes.set(xlim=(0, 1.0), ylim=(top, 0), xlabel="success rate, with 95 % intervals")
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
         axes.grid(visible=False, axis="y")
         axes.tick_params(axis="y", length=0)

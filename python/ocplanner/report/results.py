@@ -5,6 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from ocplanner.rollouts.intervals import seed_level_interval
 from ocplanner.zero_shot.result import FAILURES, TransferResult
 
 
@@ -23,6 +26,13 @@ class TransferGroup:
     def mean_rate(self) -> float:
         """Mean success rate over the planners."""
         return sum(record.rate for record in self.records) / len(self.records)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the mean rate: Wilson's for one planner; for several, over planners and their episodes."""
+        if len(self.records) == 1:
+            return self.records[0].interval
+        return seed_level_interval([np.array([run.success for run in record.runs]) for record in self.records])
 
     @property
     def failures(self) -> Counter[str]:

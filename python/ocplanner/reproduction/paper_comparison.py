@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ocplanner.report.results import TransferGroup
 from ocplanner.reproduction.experiments import TransferExperiment
 from ocplanner.reproduction.policy_experiments import VARIANTS
 from ocplanner.reproduction.policy_tables import TABLES, PolicyTable
-from ocplanner.rollouts.intervals import wilson
 from ocplanner.zero_shot.result import read_result
 
 _HEAD = ("in the paper", "what", "paper %", "here %", "95 % interval", "training seeds", "remade by")
@@ -43,9 +43,8 @@ def _zero_shot_rows(results: Path) -> Iterator[Sequence[str]]:
         found = [read_result(path) for path in (results / f"{name}.json" for name in names) if path.exists()]
         here, interval, seeds = _NOT_MEASURED, "", ""
         if found:
-            successes, episodes = sum(one.successes for one in found), sum(one.episodes for one in found)
-            here, interval = f"{100 * successes / episodes:.1f}", _percent(wilson(successes, episodes))
-            seeds = str(len(found))
+            group = TransferGroup(tuple(found))
+            here, interval, seeds = f"{100 * group.mean_rate:.1f}", _percent(group.interval), str(len(found))
         yield "Section 4, Figure 8", f"Sawyer, {called}", said, here, interval, seeds, "`reproduce zero-shot`"
 
 
