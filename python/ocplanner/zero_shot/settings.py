@@ -1,8 +1,12 @@
-"""The conditions of a transfer: every setting that decides how its episodes go, beside planner, robot and seed."""
+"""The conditions of a transfer: every setting that decides how its episodes go, beside planner, robot and seed.
+
+To add a condition, add a field whose default changes nothing to :class:`TransferConfig`, and the line that uses it. The
+commands, the workers, the result files, their names and the report take it from here.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import tyro
 
@@ -17,14 +21,15 @@ FIRST_SEED = 10000
 """Of evaluation; the seeds of the other episodes follow it, and none of them is used in training."""
 
 
-def _following(follow: FollowMode = "gated") -> ControlSettings:
-    """The other numbers of the control law can be set from Python only.
-
-    Args:
-        follow: Advance along the plan when the object is there, by time, or blindly by the plan's differences (the
-            paper's).
-    """
-    return ControlSettings(follow=follow)
+_FOLLOW_FLAG = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=1,
+    metavar=f"{{{','.join(get_args(FollowMode))}}}",
+    choices=get_args(FollowMode),
+    instance_from_str=lambda words: ControlSettings(follow=words[0]),
+    is_instance=lambda settings: isinstance(settings, ControlSettings),
+    str_from_instance=lambda settings: [settings.follow],
+)
+"""The command line sets the follow mode alone; the numbers of the control law are set from Python."""
 
 
 def _label(name: str, text: str) -> dict[str, str]:
@@ -34,20 +39,17 @@ def _label(name: str, text: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class TransferConfig:
-    """How the episodes of a transfer are run.
-
-    To add a condition, add a field whose default changes nothing, and the line that uses it. The command, the workers,
-    result files, their names and the report take it from here.
+    """How the episodes are run.
 
     Raises:
         UnknownNameError: there is no such visual preset or control loop.
         InvalidValueError: a number is outside its domain.
     """
 
-    control: Annotated[ControlSettings, tyro.conf.arg(constructor=_following), tyro.conf.OmitArgPrefixes] = field(
+    control: Annotated[ControlSettings, _FOLLOW_FLAG, tyro.conf.arg(name="follow")] = field(
         default_factory=ControlSettings
     )
-    """The control law: how the object is grasped and how plans are followed."""
+    """Advance along the plan when the object is there, by time, or blindly by the plan's differences (the paper's)."""
     visual: Visual | None = field(default=None, metadata=_label("{}", "{} visuals"))
     """Visual preset; must be the one that the planner was trained on, which is the default."""
     allow_mismatch: bool = field(default=False, metadata=_label("", ""))
