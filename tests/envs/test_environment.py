@@ -169,7 +169,7 @@ def test_a_task_for_two_arms_has_two_alike(shared_env):
     assert env.arms[1].gripper_opening < env.arms[0].gripper_opening - 0.01
     np.testing.assert_array_equal(env.eef_pose().position, env.arms[0].eef_pose().position)
     assert not env.in_contact("payload", arm=1)
-    with pytest.raises(ShapeError, match=r"\(14,\), not \(7,\)"):
+    with pytest.raises(ShapeError, match=r"shape \(7,\), expected \(14,\)"):
         env.step(np.zeros(7))
 
 

@@ -2,8 +2,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from gymnasium.envs.registration import registry
 
-from ocplanner.envs import ManipulationEnv
+from ocplanner.demos.recorded_task import recorded_task
+from ocplanner.envs import ManipulationEnv, make_env
+from ocplanner.envs import tasks as package
+from ocplanner.envs.registration import register
 from ocplanner.envs.tasks import task, task_of_env, tasks
 from ocplanner.errors import UnknownNameError
 
@@ -55,3 +59,26 @@ def test_unknown_names_list_the_known():
         task("Square").object("RoundNut")
     with pytest.raises(UnknownNameError, match="handle"):
         task("Square").object().grasp("hole")
+
+
+def test_a_new_task_is_one_file(tmp_path, monkeypatch):
+    """It is known by its names, to Gymnasium, to data sets and to the experts' lookup, and can be simulated."""
+    (tmp_path / "round.py").write_text(
+        "from ocplanner.envs.tasks.task import ObjectSpec, Task, top_grasp\n"
+        'NUT = ObjectSpec("RoundNut", "RoundNut_joint0", (top_grasp("handle", (0.06, 0.0, 0.0)),), yaw_fold=0)\n'
+        'TASK = Task("RoundNut", "NutAssemblyRound", (NUT,))\n'
+    )
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    registered = dict(registry)
+    tasks.cache_clear()
+    try:
+        register()
+        assert registry["ocplanner/RoundNut-v0"].kwargs == {"task": "RoundNut"}
+        assert recorded_task("NutAssemblyRound") == ("RoundNut", ("RoundNut",), ("RoundNut",))
+        with make_env("RoundNut", cameras=()) as env:
+            assert env.object_pose().position.shape == (3,)
+    finally:
+        monkeypatch.undo()
+        tasks.cache_clear()
+        registry.clear()
+        registry.update(registered)

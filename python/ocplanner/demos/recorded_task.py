@@ -1,6 +1,7 @@
 """What recordings of an environment show: the task, its objects, and which steps count as manipulating each."""
 
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 from ocplanner.demos.layouts import TASK_OBJECTS
@@ -30,14 +31,17 @@ def recorded_task(env_name: str) -> RecordedTask | None:
 
     An environment is known by the layout of its flat ``object``, or by a task, whose poses are recorded by name.
     """
-    layout = TASK_OBJECTS.get(env_name)
-    if layout is not None:
-        return RecordedTask(layout.task, layout.objects, layout.objects)
-    task = _task(env_name)
-    if task is None:
+    layout, task = TASK_OBJECTS.get(env_name), _task(env_name)
+    specs = {} if task is None else {spec.name: spec for spec in task.objects}
+    if task is not None:
+        name = task.name
+    elif layout is not None:
+        name = layout.task
+    else:
         return None
-    parts = tuple(part for spec in task.objects for part in spec.parts)
-    return RecordedTask(task.name, tuple(spec.name for spec in task.objects), parts)
+    objects = tuple(specs) if layout is None else layout.objects
+    parts = (specs[name].parts if name in specs else (name,) for name in objects)
+    return RecordedTask(name, objects, tuple(chain.from_iterable(parts)))
 
 
 def object_of(part: str) -> str:

@@ -1,6 +1,6 @@
-"""Simulated tasks: any robot on any task, its poses, its success and its pictures.
+"""Simulated tasks: any robot on any task, with its poses, its success and its images.
 
-Importing this package is cheap; robosuite and mujoco are imported when the first environment is asked for.
+Importing this package is cheap; robosuite and mujoco are imported when the first environment is made.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""One of the arms before a task: its joints, its hand, and the frame of its actions."""
+"""One arm of an environment: its joints, its hand, and the frame of its actions."""
 
 from typing import Any
 
@@ -11,13 +11,13 @@ from ocplanner.geometry.pose import Pose
 
 
 class RobotArm:
-    """An arm of an environment, to be sensed.
+    """An arm of an environment, for sensing.
 
     Args:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
-        spec: what is particular about it.
+        spec: the arm's peculiarities.
 
     Attributes:
         robot: robosuite's robot.
@@ -42,7 +42,8 @@ class RobotArm:
     def base_rotation(self) -> np.ndarray:
         """(3, 3) rotation, frame of the action's deltas -> world.
 
-        On some arms robosuite hangs that frame on the first moving link, so it turns with the arm: read it each step.
+        On some arms robosuite attaches this frame to the first moving link, so that it turns with the arm: read it in
+        each step.
         """
         return self._data.site_xmat[self._base_site].reshape(3, 3).copy()
 

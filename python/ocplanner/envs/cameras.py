@@ -1,4 +1,4 @@
-"""The cameras of one environment, and what they see."""
+"""The cameras of one environment and their images."""
 
 import re
 from typing import Any
@@ -15,11 +15,11 @@ _ROBOT = re.compile(r"(robot|gripper)\d+_")
 
 
 class Cameras:
-    """All cameras of a model; OpenGL contexts are made when a size is first drawn.
+    """All cameras of a model; each image size gets an OpenGL context when it is first drawn.
 
     Args:
         model: the compiled model.
-        data: its state, read at each picture.
+        data: its state, read for each image.
         preset: how much to draw.
     """
 
@@ -34,7 +34,7 @@ class Cameras:
         """Id of a camera.
 
         Raises:
-            UnknownNameError: there is none of that name.
+            UnknownNameError: no camera has this name.
         """
         if name not in self._ids:
             raise UnknownNameError("camera", name, self._ids)
@@ -60,7 +60,7 @@ class Cameras:
         return np.where(mask[..., None], np.array(MASK_RGB, dtype=np.uint8), renderer.without_robot(number))
 
     def robot_mask(self, camera: str, width: int, height: int) -> np.ndarray:
-        """(h, w) bool, upright: the pixels in which the robot is seen with nothing standing before it."""
+        """(h, w) bool, upright: the pixels in which the robot is visible."""
         number = self.number(camera)
         return self._renderer(width, height).robot_mask(number)
 
@@ -88,7 +88,7 @@ class Cameras:
 
 
 def robot_geoms(model: Any) -> np.ndarray:
-    """Ids of the visual geoms of the arms and their grippers, without the pedestals, the same for all arms."""
+    """Ids of the visual geoms of the arms and their grippers, without the pedestals."""
     names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or "" for body in range(model.nbody))
     of_robot = np.array([_ROBOT.match(name) is not None for name in names])
     return np.flatnonzero(of_robot[model.geom_bodyid] & (model.geom_group == _VISUAL_GROUP))

@@ -1,4 +1,4 @@
-"""One arm, or several alike, on one task."""
+"""The simulated environment: one task with its arms."""
 
 from typing import Any
 
@@ -24,34 +24,33 @@ _RESTARTS = 6
 
 
 class ManipulationEnv:
-    """One arm on one task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
+    """One task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
 
-    A task for several arms has as many of the same kind; what is said of the arm is said of the first, and
-    :attr:`arms` holds them all.
+    A task for several arms has several of the same kind in :attr:`arms`; the methods about one arm are about the first.
 
-    All poses are in robosuite's world frame, metres; pictures are upright (h, w, 3) uint8. Use it as a context manager,
+    All poses are in robosuite's world frame, metres; images are upright (h, w, 3) uint8. Use it as a context manager,
     or call :meth:`close`.
 
     Args:
         task: a task or its name.
         robot: an arm or its name.
         cameras: cameras that :meth:`observe` draws; the task's own if not given.
-        image_size: width and height of those pictures, pixels.
+        image_size: width and height of those images, pixels.
         visual: visual preset, ``"fast"`` or ``"stock"``.
-        observe: what the pictures show: ``"full"``, ``"masked"`` (the robot painted flat) or ``"no-robot"``.
-        patches: corrections to the model; the arm's own if not given, none for ``()``.
-        control: who runs the control loop: ``"native"``, or ``"stock"`` for robosuite, several times slower. Both give
-            the same torques; ``"native"`` warns and falls back where it cannot.
+        observe: what the images show: ``"full"``, ``"masked"`` (the robot painted flat) or ``"no-robot"``.
+        patches: corrections of the model; the arm's own if not given, none for ``()``.
+        control: the control loop: ``"native"``, or ``"stock"`` for robosuite's, which is several times slower. Both
+            give the same torques. If ``"native"`` does not support the robot, it warns and uses ``"stock"``.
         seed: seed of the first episode.
-        horizon: control steps of an episode; the task's own if not given. Reaching it ends nothing by itself.
+        horizon: control steps of an episode; the task's own if not given. The environment does not stop there itself.
 
     Attributes (and the other arguments, resolved, under their own names):
-        observe_mode: what the pictures show.
+        observe_mode: what the images show.
         arms: the arms, in robosuite's order.
         steps: control steps since the last reset.
 
     Raises:
-        UnknownNameError: a name is not known; the message lists those that are.
+        UnknownNameError: a name is not known; the message lists the known ones.
     """
 
     def __init__(
@@ -121,11 +120,11 @@ class ManipulationEnv:
 
     @property
     def action_dim(self) -> int:
-        """Length of an action: for each arm three of position, three of rotation, one of the gripper."""
+        """Length of an action: for each arm 3 numbers of position, 3 of rotation and 1 of the gripper."""
         return self._env.action_dim
 
     def reset(self, seed: int) -> None:
-        """Start an episode; the same seed always gives the same one."""
+        """Start the episode of a seed; it is always the same for the same seed."""
         self._env.rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
         self._env.reset()
         self.steps = 0
@@ -135,15 +134,15 @@ class ManipulationEnv:
 
         Args:
             action: (7,) in [-1, 1]: position delta (times 0.05 m), rotation vector delta (times 0.5 rad), both in the
-                frame of :attr:`base_rotation`, and the gripper (-1 opens, 1 closes). With several arms (7 arms,), one
-                after the other.
+                frame of :attr:`base_rotation`, and the gripper (-1 opens, 1 closes). Several arms: (7 arms,), one after
+                the other.
 
         Raises:
             ShapeError: the action has another shape.
         """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.action_dim,):
-            raise ShapeError(f"an action of {self.task.name} has shape ({self.action_dim},), not {action.shape}")
+            raise ShapeError(f"an action of {self.task.name} has shape {action.shape}, expected ({self.action_dim},)")
         if self._control is None:
             self._env.step(action)
         else:
@@ -151,7 +150,7 @@ class ManipulationEnv:
         self.steps += 1
 
     def object_pose(self, name: str | None = None) -> Pose:
-        """Pose of an object, the task's main one unless named."""
+        """Pose of an object; of the task's main one if no name is given."""
         body = self._objects[self.task.object(name).name][0]
         return Pose(self.data.xpos[body].copy(), self.data.xmat[body].reshape(3, 3).copy())
 
@@ -170,21 +169,21 @@ class ManipulationEnv:
         return self.arms[0].gripper_opening
 
     def success(self) -> bool:
-        """robosuite's own verdict."""
+        """Whether the task is solved, as robosuite judges it."""
         return bool(self._env._check_success())
 
     def in_contact(self, object_name: str | None = None, arm: int = 0) -> bool:
-        """Whether both sides of the gripper touch an object. Privileged: tells failures apart, not for control."""
+        """Whether both sides of the gripper touch an object. Privileged: for classifying failures, not for control."""
         body = self._objects[self.task.object(object_name).name][0]
         return self.arms[arm].gripper.touches(np.flatnonzero(self.model.geom_bodyid == body))
 
     def observe(self) -> dict[str, np.ndarray]:
-        """Pictures of the chosen cameras in the chosen mode, (h, w, 3) uint8 by camera name."""
+        """Images of the chosen cameras in the chosen mode, (h, w, 3) uint8, by camera name."""
         size = self.image_size
         return {camera: self.render(camera, size, size, self.observe_mode) for camera in self.cameras}
 
     def render(self, camera: str, width: int, height: int, observe: str = "full") -> np.ndarray:
-        """One (h, w, 3) uint8 picture of any camera.
+        """One (h, w, 3) uint8 image of any camera.
 
         Raises:
             UnknownNameError: no such camera or observation.
@@ -193,25 +192,25 @@ class ManipulationEnv:
         return self._pictures.render(camera, width, height, observe)
 
     def robot_mask(self, camera: str, width: int | None = None, height: int | None = None) -> np.ndarray:
-        """(h, w) bool, the pixels in which the robot is seen with nothing standing before it."""
+        """(h, w) bool, the pixels in which the robot is visible."""
         return self._pictures.robot_mask(camera, width or self.image_size, height or self.image_size)
 
     def project(self, camera: str, points: np.ndarray, width: int, height: int) -> np.ndarray:
-        """Pixels (x right, y down, fractional) at which a camera sees points.
+        """Project points into a camera's image.
 
         Args:
             camera: camera name.
             points: (N, 3) world frame, metres.
-            width: of the picture, pixels.
-            height: of the picture, pixels.
+            width: of the image, pixels.
+            height: of the image, pixels.
 
         Returns:
-            (N, 2) float64; NaN for points behind the camera.
+            (N, 2) float64, pixels, x right and y down; NaN for points behind the camera.
         """
         return self._pictures.project(camera, points, width, height)
 
     def set_state(self, state: np.ndarray) -> None:
-        """Set the simulation to a row of a data set's ``states``: time, qpos, qvel of this arm's own model.
+        """Set the simulation to a row of a data set's ``states``: time, qpos and qvel of this model.
 
         Raises:
             ShapeError: the row belongs to another arm or task.
@@ -220,13 +219,13 @@ class ManipulationEnv:
         length = 1 + self.model.nq + self.model.nv
         if state.shape != (length,):
             raise ShapeError(
-                f"a state of {self.task.name} with {self.robot.name} has shape ({length},), not {state.shape}"
+                f"a state of {self.task.name} with {self.robot.name} has shape {state.shape}, expected ({length},)"
             )
         self.sim.set_state_from_flattened(state)
         self._forward()
 
     def place_object(self, pose: Pose, name: str | None = None) -> None:
-        """Put an object, at rest, at a pose."""
+        """Place an object at a pose, at rest."""
         _, address, joint = self._objects[self.task.object(name).name]
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, np.asarray(pose.rotation, dtype=np.float64).flatten())
@@ -244,17 +243,17 @@ class ManipulationEnv:
         tolerance: float = 1e-3,
         restarts: int = _RESTARTS,
     ) -> float:
-        """Put an arm, at rest, where its end-effector site has a pose, as near as inverse kinematics gets.
+        """Place an arm's end-effector site at a pose, at rest, by inverse kinematics.
 
-        Starts from the present posture, so a trajectory placed step by step is followed without jumps, then from
-        the home posture and from seeded variations of it.
+        The search starts from the present posture, so that a trajectory placed step by step has no jumps, then from the
+        home posture and from seeded variations of it.
 
         Args:
             pose: of the site, world frame.
             opening: gap between the finger pads, metres; unchanged if not given.
             arm: its number.
-            tolerance: no further start is tried once the error is below this, metres.
-            restarts: how many variations of the home posture to try.
+            tolerance: error below which no further start is tried, metres.
+            restarts: number of variations of the home posture to try.
 
         Returns:
             The remaining error in metres, a radian counted as 0.1 m.
@@ -270,7 +269,7 @@ class ManipulationEnv:
         return error
 
     def _forward(self) -> None:
-        """Follow a state that was set: the first step after a reset else starts where the reset had put the arms."""
+        """Update everything after a state was set, controllers included: else they start from the last reset's pose."""
         self.sim.forward()
         for arm in self.arms:
             arm.robot.part_controllers[arm.robot.arms[0]].new_update = True
@@ -288,4 +287,4 @@ class ManipulationEnv:
 
 
 make_env = ManipulationEnv
-"""Puts an arm before a task: the class by the name of what calling it does."""
+"""Makes an environment: the class under the name of what calling it does."""

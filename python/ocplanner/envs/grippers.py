@@ -1,4 +1,4 @@
-"""What differs between grippers, measured on the model instead of written down: fingers and opening."""
+"""A gripper's fingers and opening, measured on the model rather than listed for each gripper."""
 
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ class Gripper:
         robot: robosuite's robot.
         model: the compiled model.
         data: its state.
-        spec: what is particular about the arm.
+        spec: the arm's peculiarities.
     """
 
     def __init__(self, robot: Any, model: Any, data: Any, spec: RobotSpec) -> None:
@@ -44,7 +44,7 @@ class Gripper:
         return self._gap(self._data)
 
     def set_opening(self, opening: float) -> None:
-        """Set the finger joints to a gap between the pads, metres, as near as the gripper can open."""
+        """Set the finger joints to a gap between the pads, metres, or to the nearest possible gap."""
         openings, postures = self._stroke
         self._data.qpos[self._qpos] = [np.interp(opening, openings, joint) for joint in postures.T]
 
@@ -59,7 +59,7 @@ class Gripper:
 
     @cached_property
     def _stroke(self) -> tuple[np.ndarray, np.ndarray]:
-        """Openings in ascending order (levels,) and the finger joints at each (levels, joints), by closing once."""
+        """Openings in ascending order (levels,) and the finger joints at each (levels, joints), from one closing."""
         model = self._model
         data = mujoco.MjData(model)
         data.qpos[:] = self._data.qpos
@@ -84,7 +84,7 @@ class Gripper:
         return ascending, np.array(postures[::-1])
 
     def _command(self, level: float) -> np.ndarray:
-        """The gripper's actuator command, each in [-1, 1], when its own integrator stands at ``level``."""
+        """The gripper's actuator commands, each in [-1, 1], if its own integrator is at ``level``."""
         gripper = self._gripper
         gripper.current_action = np.zeros(gripper.dof)
         direction = np.array(gripper.format_action(np.full(gripper.dof, 1.0)), dtype=np.float64)
@@ -94,9 +94,9 @@ class Gripper:
         return max(0.0, min(self._distance(data, left, right) for left in self.pads[0] for right in self.pads[1]))
 
     def _distance(self, data: Any, left: int, right: int) -> float:
-        """Of two geoms, metres.
+        """Distance between two geoms, metres.
 
-        MuJoCo 3.7 says 0 of some boxes that are centimetres apart, and not if one of them is moved by a micrometre.
+        MuJoCo 3.7 reports 0 for some boxes that are centimetres apart, but not if one of them moves by a micrometre.
         """
 
         def distance() -> float:
@@ -114,7 +114,7 @@ class Gripper:
         return found
 
     def _geoms(self, side: str, groups: tuple[str, ...], without: str | None = None) -> np.ndarray:
-        """Ids of one side's geoms: those that robosuite names, else the colliding geoms of that side's bodies."""
+        """Ids of one side's geoms: those that robosuite names, or else the colliding geoms of that side's bodies."""
         named = [name for group in groups for name in self._gripper.important_geoms.get(group, ())]
         if without is not None:
             named = [name for name in named if not name.startswith(self._gripper.naming_prefix + without)]

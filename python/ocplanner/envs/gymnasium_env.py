@@ -1,4 +1,4 @@
-"""The Gymnasium face of an environment.
+"""An environment with Gymnasium's interface.
 
 >>> import gymnasium, ocplanner                                                         # doctest: +SKIP
 >>> env = gymnasium.make("ocplanner/Square-v0", robot="UR5e", render_mode="rgb_array")   # doctest: +SKIP
@@ -20,12 +20,13 @@ _RENDER_SIZE = (480, 360)
 
 
 class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
-    """One arm on one task, or several where the task takes them.
+    """One task with as many arms as it needs.
 
-    Action: Box(-1, 1, (7 arms,), float32), see :meth:`ocplanner.envs.ManipulationEnv.step`. Observation, a dictionary:
+    The action is Box(-1, 1, (7 arms,), float32), see :meth:`ocplanner.envs.ManipulationEnv.step`. The observation is a
+    dictionary:
 
     ===================  =================  =========================================================================
-    ``<camera>_image``   (h, w, 3) uint8    what each camera sees in the chosen observation mode, upright
+    ``<camera>_image``   (h, w, 3) uint8    the image of each camera in the chosen observation mode, upright
     ``object_position``  (3,) float32       of the task's main object, world frame, metres
     ``object_rot6d``     (6,) float32       the first two columns of its rotation matrix
     ``eef_position``     (3,) float32       of the end-effector site, world frame, metres
@@ -33,16 +34,16 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ``gripper_opening``  (1,) float32       gap between the finger pads, metres
     ===================  =================  =========================================================================
 
-    Of further arms there are ``eef1_position``, ``eef1_rot6d`` and ``gripper1_opening``, and so on.
+    Further arms add ``eef1_position``, ``eef1_rot6d``, ``gripper1_opening``, and so on.
 
-    The reward is 1 in the step in which the task succeeds, which terminates the episode, and 0 otherwise; reaching the
-    horizon truncates it. ``info["success"]`` says which it was.
+    The reward is 1 in the step in which the task succeeds, which terminates the episode, and 0 otherwise. The episode
+    is truncated at the horizon. ``info["success"]`` is whether the task succeeded.
 
     Args:
         task: task name.
         robot: arm name.
         render_mode: ``"rgb_array"`` or None.
-        render_camera: camera of :meth:`render`; the first of ``cameras``, or the task's, if not given.
+        render_camera: camera of :meth:`render`; if not given, the first of ``cameras``, or else of the task's.
         **options: as for :func:`ocplanner.envs.make_env`.
 
     Raises:
@@ -86,7 +87,7 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode; a seed fixes it and those that follow without one."""
+        """Start an episode; a seed determines it and the following ones without a seed."""
         super().reset(seed=seed, options=options)
         self.env.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         return self._observation(), {"success": False}
@@ -99,7 +100,7 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observation(), float(success), success, truncated, {"success": success}
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """(360, 480, 3) uint8 of everything, whatever the observation mode; None without a render mode."""
+        """(360, 480, 3) uint8 image of everything in any observation mode; None without a render mode."""
         if self.render_mode is None:
             return None
         return self.env.render(self._render_camera, *_RENDER_SIZE)

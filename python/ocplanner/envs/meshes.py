@@ -1,4 +1,4 @@
-"""Simplified copies of visual meshes, kept on disk under a hash of what they were made from."""
+"""Simplified copies of visual meshes, cached on disk under a hash of their source."""
 
 import hashlib
 import importlib.metadata
@@ -16,21 +16,21 @@ from ocplanner.envs.simulator import mujoco
 _MIN_TRIANGLES = 300
 _MAX_TRIANGLES = 4000
 _KEPT_FRACTION = 0.1
-_AGGRESSION = 3  # the library's default of 7 tears rails and fingers to pieces
+_AGGRESSION = 3  # the library's default of 7 destroys rails and fingers
 _SUFFIX = "_simplified"
 _VERSION = b"ocplanner mesh 2"
 
 
 def cache_folder() -> Path:
-    """Where simplified meshes are kept: ``$XDG_CACHE_HOME/ocplanner`` or ``~/.cache/ocplanner``."""
+    """The cache of simplified meshes: ``$XDG_CACHE_HOME/ocplanner`` or ``~/.cache/ocplanner``."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "ocplanner"
 
 
 def simplify_visual_meshes(root: ET.Element) -> None:
-    """Draw visual geoms with simplified copies of their meshes; colliding geoms keep theirs.
+    """Replace the meshes of visual geoms by simplified copies.
 
-    A geom stays as it is if it collides, if an image is wrapped around it, or if its mesh is small.
+    A geom keeps its mesh if it collides, if an image is mapped onto it, or if the mesh is small.
     """
     asset = root.find("asset")
     if asset is None:
@@ -46,7 +46,7 @@ def simplify_visual_meshes(root: ET.Element) -> None:
 
 
 def _simplified_asset(asset: ET.Element, meshes: dict[str, ET.Element], mesh: ET.Element) -> str:
-    """Name of the simplified twin of a mesh asset, added if it is not there yet; its own where there is no use."""
+    """Name of the simplified copy of a mesh asset, which is added if needed; its own name if it stays as it is."""
     name, path = mesh.get("name", ""), Path(mesh.get("file", ""))
     twin = f"{name}{_SUFFIX}"
     if twin not in meshes:
@@ -60,7 +60,7 @@ def _simplified_asset(asset: ET.Element, meshes: dict[str, ET.Element], mesh: ET
 
 
 def simplified(path: Path) -> Path:
-    """The simplified copy of a mesh file, made on first use; the file itself where simplifying is not worth it."""
+    """The simplified copy of a mesh file, made on first use; the file itself if it stays as it is."""
     version = importlib.metadata.version("fast-simplification").encode()
     key = hashlib.sha256(b"\0".join((_VERSION, version, path.read_bytes()))).hexdigest()[:32]
     cached = cache_folder() / "meshes" / f"{key}.stl"
@@ -73,16 +73,16 @@ def simplified(path: Path) -> Path:
             file.write(content)
         Path(file.name).replace(cached)
     except OSError:
-        return path  # no room for a cache: the picture is slower to draw, not wrong
+        return path  # no room for a cache: the image is slower to draw, not wrong
     return cached if content else path
 
 
 def _simplify(path: Path) -> bytes:
-    """A binary STL, or nothing if the mesh is small already or does not survive."""
+    """A binary STL; empty if the mesh is small already or simplification fails."""
     mesh = trimesh.load_mesh(path, process=False)
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) <= _MIN_TRIANGLES:
         return b""
-    # Seams of texture coordinates and normals split vertices; unmerged, simplification tears the surface along them.
+    # Seams of texture coordinates and normals split vertices; simplification would tear the surface along them.
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     target = int(np.clip(_KEPT_FRACTION * len(mesh.faces), _MIN_TRIANGLES, _MAX_TRIANGLES))
     points, faces = fast_simplification.simplify(
@@ -97,7 +97,7 @@ def _simplify(path: Path) -> bytes:
 
 
 def _compiles(mesh: trimesh.Trimesh) -> bool:
-    """Whether MuJoCo accepts the mesh: it refuses those of next to no volume."""
+    """Whether MuJoCo accepts the mesh; it rejects meshes of almost no volume."""
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", uservert=mesh.vertices.flatten().tolist(), userface=mesh.faces.flatten().tolist())
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")

@@ -1,8 +1,8 @@
-"""robosuite's control step run natively: one call into :mod:`ocplanner._core` in place of 25 Python substeps.
+"""robosuite's control step run natively: one call into :mod:`ocplanner._core` instead of 25 Python substeps.
 
 :func:`attach` replaces an environment's ``step`` by one with the same results. The operational-space torques and
-MuJoCo's substeps run in Rust; what robosuite does once per control step (scaling the action, the gripper's hidden
-state, the histories of the robot, the reward) stays robosuite's or is restated here. Whatever is not supported runs
+MuJoCo's substeps run in Rust. What robosuite does once in a control step (scaling the action, the gripper's hidden
+state, the robot's histories, the reward) is still robosuite's or is repeated here. An unsupported environment keeps
 robosuite's own loop, after one warning.
 """
 
@@ -27,14 +27,14 @@ _CALLBACKS = ("act_bias", "act_dyn", "act_gain", "contactfilter", "control", "pa
 
 
 def attach(env: MujocoEnv) -> "NativeControl | None":
-    """Makes ``env.step`` run natively, with the results of robosuite's own.
+    """Make ``env.step`` run natively, with the same results as robosuite's own.
 
     Args:
         env: a robosuite environment, not wrapped, with one-armed robots under ``OSC_POSE`` in the ``BASIC`` composite
             controller.
 
     Returns:
-        The control loop, or None, after a warning that says why, where ``env`` keeps robosuite's own.
+        The control loop; None, after a warning with the reason, if ``env`` keeps robosuite's own.
     """
     if isinstance(attached := vars(env).get("step"), _Step):
         return attached.control
@@ -46,17 +46,17 @@ def attach(env: MujocoEnv) -> "NativeControl | None":
 
 
 class NativeControl:
-    """The native control loop of one environment; it follows soft and hard resets."""
+    """The native control loop of one environment; it works across soft and hard resets."""
 
     def __init__(self, env: MujocoEnv) -> None:
-        """Binds nothing yet."""
+        """The loop is bound in the first step."""
         self.env: Any = env
         self._bound: _Binding | None = None
         self._refused: Any = None
         self._warned = False
 
     def bind(self) -> "_Binding | None":
-        """Binds to the present simulation and controllers, or None, after one warning, if they are not supported."""
+        """Bind to the present simulation and controllers; None, after one warning, if they are not supported."""
         env, bound = self.env, self._bound
         if bound is not None and bound.holds(env):
             return bound
@@ -78,7 +78,7 @@ class NativeControl:
         return None
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, dict[str, Any]]:
-        """As ``env.step``.
+        """As ``env.step``, for training loops of others: robosuite's observations and rewards, several times faster.
 
         Args:
             action: (action_dim,) numbers.
@@ -104,8 +104,8 @@ class NativeControl:
     def advance(self, action: np.ndarray) -> None:
         """One control step without observations and without a reward.
 
-        The physics, the clock, the step count and ``env.done`` are those of :meth:`step`. Observables keep their old
-        values: ``env._get_observations(force_update=True)`` measures them.
+        Physics, clock, step count and ``env.done`` are as after :meth:`step`. Observables keep their old values until
+        ``env._get_observations(force_update=True)``.
 
         Args:
             action: (action_dim,) numbers.
@@ -147,7 +147,7 @@ class _Step:
 
 
 class _Binding:
-    """The loops over one simulation and the controllers that one reset has made; the first arm's runs the physics."""
+    """The loops over one simulation and the controllers that a reset made; the first arm's loop runs the physics."""
 
     def __init__(self, env: Any, before: "_Binding | None") -> None:
         self.data = env.sim.data._data
@@ -161,21 +161,21 @@ class _Binding:
                 self.arms[0].loop.add(arm.loop)
 
     def holds(self, env: Any) -> bool:
-        """Whether the robots still have the controllers that were bound."""
+        """Whether the robots still have the bound controllers."""
         for arm, robot in zip(self.arms, env.robots):
             if arm.composite is not robot.composite_controller or arm.enabled is not robot._enabled_parts:
                 return False
         return True
 
     def begin(self, action: np.ndarray) -> None:
-        """The first substep up to the actuators' commands: each arm's share of the action in turn."""
+        """The first substep up to the actuators' commands, for each arm's share of the action in turn."""
         start = 0
         for arm in self.arms:
             arm.begin(action[start : start + arm.width])
             start += arm.width
 
     def settle(self) -> None:
-        """Leaves in robosuite's controllers what they would have measured and computed last."""
+        """Write into robosuite's controllers what they would have measured and computed last."""
         for arm in self.arms:
             arm.settle()
 
@@ -207,11 +207,11 @@ class _ArmBinding:
         )
 
     def begin(self, action: np.ndarray) -> None:
-        """The first substep up to the actuators' commands, and what robosuite records at that moment."""
+        """The first substep up to the actuators' commands, with what robosuite records at that moment."""
         arm, loop = self.arm, self.loop
         command = self._gripper_command(action[self.gripper_slice])
         if not arm.new_update:
-            # robosuite's controller has measured already, at the reset, and does not measure again.
+            # robosuite's controller has already measured at the reset, and does not measure again.
             velocity, inertia = (
                 np.concatenate((arm.ref_pos_vel, arm.ref_ori_vel)),
                 np.ascontiguousarray(arm.mass_matrix),
@@ -223,7 +223,7 @@ class _ArmBinding:
         self._record(action)
 
     def _gripper_command(self, action: np.ndarray) -> np.ndarray:
-        """What ``SimpleGripController`` commands throughout the control step; advances the gripper's hidden state."""
+        """The command of ``SimpleGripController`` for the control step; advances the gripper's hidden state."""
         gripper = self.gripper
         goal = self.robot.gripper["right"].format_action(action)
         if not gripper.use_action_scaling:
@@ -236,7 +236,7 @@ class _ArmBinding:
         return gripper.vels
 
     def settle(self) -> None:
-        """Leaves in robosuite's controller what it would have measured and computed last."""
+        """Write into robosuite's controller what it would have measured and computed last."""
         arm = self.arm
         position, rotation, velocity, jacobian, inertia, joint_pos, joint_vel = self.loop.measured()
         arm.ref_pos[:], arm.ref_ori_mat[:] = position, rotation
@@ -259,20 +259,20 @@ class _ArmBinding:
         robot.recent_ee_vel["right"].push(velocity)
         history, acceleration = robot.recent_ee_vel_buffer["right"], robot.recent_ee_acc["right"]
         history.push(velocity)
-        # The mean of the last acceleration and of nine differences, which add up to the difference of the ends.
+        # The mean of the last acceleration and of nine differences, whose sum is the difference of the ends.
         rise = robot.control_freq * (history.buf[-1] - history.buf[0])
         acceleration.push((acceleration.current + rise) / history.length)
 
 
 def _sensor(model: Any, name: str) -> slice:
-    """Where a sensor's reading stands in ``sensordata``."""
+    """The place of a sensor's reading in ``sensordata``."""
     index = model.sensor_name2id(name)
     start = int(np.sum(model.sensor_dim[:index]))
     return slice(start, start + int(model.sensor_dim[index]))
 
 
 def _unsupported(env: Any) -> str | None:
-    """What about ``env`` keeps it from running natively, or None."""
+    """What about ``env`` the native loop does not support, or None."""
     kind = type(env)
     if kind.step is not MujocoEnv.step or kind._pre_action is not RobotEnv._pre_action:
         return f"the control loop of {kind.__name__}"
@@ -291,7 +291,7 @@ def _unsupported(env: Any) -> str | None:
 
 
 def _unsupported_robot(robot: Any) -> str | None:
-    """What about a robot keeps its environment from running natively, or None."""
+    """What about a robot the native loop does not support, or None."""
     if type(robot) is not FixedBaseRobot or robot.arms != ["right"]:
         return "anything but fixed robots of one arm"
     composite = robot.composite_controller

@@ -1,4 +1,4 @@
-"""Named corrections to robosuite's models, each applied to the model's XML before it is compiled."""
+"""Named corrections of robosuite's models, applied to the model's XML before it is compiled."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -8,7 +8,7 @@ from ocplanner.errors import UnknownNameError
 
 
 def _sawyer_base_contact(root: ET.Element) -> None:
-    """Sawyer's base sphere touches its first link, and the contact brakes joint 1 with up to 17 Nm: exclude the pair.
+    """Exclude the contact of Sawyer's base sphere with its first link, which brakes joint 1 with up to 17 Nm.
 
     A contact exclusion names bodies, not geoms; these two bodies have no other colliding geoms.
     """
@@ -32,7 +32,11 @@ PATCHES: dict[str, Callable[[ET.Element], None]] = {"sawyer-base-contact": _sawy
 
 
 def check_patches(names: tuple[str, ...]) -> None:
-    """Raise UnknownNameError unless every name is a patch."""
+    """Check the names of patches.
+
+    Raises:
+        UnknownNameError: no patch has one of these names.
+    """
     for name in names:
         if name not in PATCHES:
             raise UnknownNameError("patch", name, PATCHES)

@@ -1,4 +1,7 @@
-"""Makes the tasks known to Gymnasium as ``ocplanner/<Task>-v0``; done by ``import ocplanner`` where it is installed."""
+"""Registers the tasks with Gymnasium as ``ocplanner/<Task>-v0``.
+
+``import ocplanner`` runs this, so it is a module of its own that loads no simulator.
+"""
 
 from gymnasium.envs import registration
 

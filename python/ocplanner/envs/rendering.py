@@ -1,4 +1,4 @@
-"""Drawing a MuJoCo scene into an array, off screen."""
+"""Drawing a MuJoCo scene into an array, off-screen."""
 
 import atexit
 import sys
@@ -17,7 +17,7 @@ _open: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
 
 
 def open_renderers() -> list["Renderer"]:
-    """Those of this process whose OpenGL contexts are not freed yet."""
+    """The renderers of this process whose OpenGL contexts are not freed yet."""
     return list(_open)
 
 
@@ -27,15 +27,15 @@ def _close_all() -> None:
 
 
 class Renderer:
-    """Draws one model at one size with an OpenGL context of its own.
+    """Draws one model at one size, with its own OpenGL context.
 
     Args:
         model: the compiled model.
-        data: its state, read at each picture.
+        data: its state, read for each image.
         width: pixels.
         height: pixels.
         preset: how much to draw.
-        robot_geoms: ids of the visual geoms that belong to the robot.
+        robot_geoms: ids of the robot's visual geoms.
 
     Raises:
         RenderingError: there is no working headless OpenGL.
@@ -70,7 +70,7 @@ class Renderer:
         except Exception as error:  # each OpenGL backend raises its own classes
             raise rendering_error(error) from error
         if not _open:
-            # After mujoco's own exit handler is in place, so that this one runs before it.
+            # Registered after mujoco's own exit handler, so that this one runs first.
             atexit.register(_close_all)
         _open.add(self)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
@@ -90,11 +90,11 @@ class Renderer:
             self._options = self._plain_options
 
     def full(self, camera: int) -> np.ndarray:
-        """(h, w, 3) uint8 picture of everything, upright."""
+        """(h, w, 3) uint8 image of everything, upright."""
         return self._draw(camera, self._options)
 
     def without_robot(self, camera: int) -> np.ndarray:
-        """(h, w, 3) uint8 picture with the robot left out, upright."""
+        """(h, w, 3) uint8 image without the robot, upright."""
         groups = self._model.geom_group
         groups[self._robot_geoms] = _HIDDEN_GROUP
         try:
@@ -103,9 +103,9 @@ class Renderer:
             groups[self._robot_geoms] = _VISUAL_GROUP
 
     def flat_robot(self, camera: int) -> np.ndarray:
-        """(h, w, 3) uint8 picture with the robot in one colour, upright.
+        """(h, w, 3) uint8 image with the robot in one colour, upright.
 
-        With a preset whose pixels are local it differs from :meth:`without_robot` only where the robot is seen.
+        With a preset whose pixels are local, it differs from :meth:`without_robot` only where the robot is visible.
         """
         model, geoms = self._model, self._robot_geoms
         materials, colours = model.geom_matid[geoms].copy(), model.geom_rgba[geoms].copy()
@@ -118,7 +118,7 @@ class Renderer:
             model.geom_rgba[geoms] = colours
 
     def robot_mask(self, camera: int) -> np.ndarray:
-        """(h, w) bool, the pixels in which the robot is seen, nothing standing before it; upright."""
+        """(h, w) bool, upright: the pixels in which the robot is visible."""
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 1
         flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
@@ -140,7 +140,7 @@ class Renderer:
             _open.discard(self)
 
     def __del__(self) -> None:
-        """Free the context while it is the current one: mujoco's destructor would free another's objects."""
+        """Free the context while it is current; mujoco's destructor would free another context's objects."""
         if not sys.is_finalizing():
             self.close()
 
@@ -162,7 +162,7 @@ class Renderer:
         return np.ascontiguousarray(picture[::-1])
 
     def _robot_segments(self) -> np.ndarray:
-        """Bool by segmentation id plus one (0 is the background)."""
+        """Whether each segmentation id plus one is the robot's (index 0 is the background), bool."""
         robot: set[int] = set(self._robot_geoms.tolist())
         table = np.zeros(self._scene.ngeom + 1, dtype=bool)
         for geom in self._scene.geoms[: self._scene.ngeom]:

@@ -17,25 +17,25 @@ class RobotSpec:
         name: robosuite's name.
         closing_axis: axis of the end-effector site along which the fingers close.
         stroke_steps: control steps (20 Hz) from fully open to fully closed.
-        lean: angle by which the hand tilts away from an object that it holds beside its middle, and toward the robot
-            over one that it holds at its middle, radians. It brings the wrist of an arm with a short reach nearer to
-            the base: 0.3 rad gains 4 to 7 cm.
+        lean: angle by which the hand tilts, radians: away from an object that it holds off-centre, toward the robot
+            over one that it holds at its centre. This brings the wrist of an arm with a short reach nearer to the base:
+            0.3 rad gains 4 to 7 cm.
         inward: whether the arm reaches the far end of its table only with the hand on its own side of an object that it
-            holds beside its middle, and has a wrist with limits: grasps are chosen that leave room for that turn.
-        holding: the gripper's action while it holds: 1 closes on; 0 leaves its command where it is, for fingers that
-            press two against one and would push out what they hold.
-        spare_finger: start of the names of a finger that does not meet the one opposite, so that an object is pinched
-            between the others, whose gap is the opening.
-        squeeze_steps: control steps that the fingers go on closing after they have met the object, until they lie flat.
-        squeeze_round_steps: the same where the object is round, and there is no flat to lie on.
-        spread: gap between the fingers, beyond the width of what they are to take, to which they open before a grasp,
-            metres; None: fully. A slow gripper has no time for more.
-        doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo gives it now and then for fingers that are
-            apart; a hand that closes until the gap is small then stops too early.
-        turn: angle about the approach from the line along which the fingers meet to the closing axis, radians: those of
-            a hand with three fingers may meet askew.
-        middle: where the middle of what the fingers close on comes to lie in the end-effector site's frame, metres.
-        patches: corrections to robosuite's model that are on by default; see :mod:`ocplanner.envs.patches`.
+            holds off-centre, and has a wrist with limits: grasps are chosen that leave room for that turn.
+        holding: the gripper's action while it holds: 1 keeps closing; 0 keeps the present command, for grippers in
+            which two fingers press against one and would push the object out.
+        spare_finger: prefix of the names of a finger that has no counterpart. The object is held between the other
+            fingers, whose gap is the opening.
+        squeeze_steps: control steps for which the fingers keep closing after contact, until they lie flat.
+        squeeze_round_steps: the same for a round object, which has no flat side.
+        spread: gap between the fingers before a grasp, beyond the object's width, metres; None: fully open. A slow
+            gripper has no time to open further.
+        doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo sometimes reports 0 for fingers that are
+            apart; a hand that closes until the gap is small would then stop too early.
+        turn: angle about the approach from the line along which the fingers meet to the closing axis, radians. It is
+            not 0 for a hand whose three fingers meet askew.
+        middle: centre of the held object in the end-effector site's frame, metres.
+        patches: corrections of robosuite's model that apply by default; see :mod:`ocplanner.envs.patches`.
     """
 
     name: str
@@ -55,7 +55,7 @@ class RobotSpec:
 
     @property
     def rotation_grasp_site(self) -> np.ndarray:
-        """(3, 3) rotation of the end-effector site in the grasp frame (whose x is the closing axis)."""
+        """(3, 3) rotation, end-effector site -> grasp frame, whose x is the closing axis."""
         straight = np.eye(3)
         if self.closing_axis == "y":
             straight = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

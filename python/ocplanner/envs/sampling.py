@@ -1,7 +1,8 @@
 """robosuite's observables advanced over a whole control step at once.
 
-robosuite updates every observable in every physics substep, though each is measured once per sampling period. Here the
-substeps in which one will be measured are worked out first, and the simulation runs from one to the next.
+Users who attach the native loop to a robosuite environment of their own need it for the observations of ``step``. While
+robosuite updates every observable in every physics substep, each is measured only once in its sampling period. Here the
+substeps with a measurement are found first, and the simulation runs from one to the next.
 """
 
 from collections.abc import Callable
@@ -12,18 +13,18 @@ from robosuite.utils.observables import NO_DELAY
 
 
 class _Schedule(NamedTuple):
-    """One observable's updates over some substeps."""
+    """One observable's updates over several substeps."""
 
     samples: tuple[int, ...]
-    """The substeps, counted from 1, in which it is measured."""
+    """The substeps, counted from 1, with a measurement."""
     time_since_last_sample: float
     sampled: bool
     regular: bool
-    """Whether robosuite has nothing to complain about."""
+    """Whether robosuite would not warn."""
 
 
 def advance_observables(env: Any, advance: Callable[[int], object], substeps: int) -> None:
-    """Runs ``substeps`` physics substeps and leaves the observables of ``env`` as robosuite's own loop would.
+    """Run physics substeps and leave the observables of an environment as robosuite's own loop would.
 
     Args:
         env: a robosuite environment.
@@ -67,7 +68,7 @@ def advance_observables(env: Any, advance: Callable[[int], object], substeps: in
 def _schedule(
     time_since_last_sample: float, sampled: bool, period: float, delay: float, step: float, substeps: int
 ) -> _Schedule:
-    """What ``Observable.update`` would do in each of the substeps, with the same floating-point sums."""
+    """What ``Observable.update`` would do in each substep, with the same floating-point sums."""
     samples = []
     regular = True
     for substep in range(1, substeps + 1):

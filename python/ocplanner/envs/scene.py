@@ -1,4 +1,4 @@
-"""From names to a robosuite environment: model patched, visuals prepared, logging quiet, nothing drawn by robosuite."""
+"""Building a robosuite environment: its model patched, its visuals prepared, and nothing drawn by robosuite."""
 
 import xml.etree.ElementTree as ET
 from typing import Any
@@ -15,7 +15,7 @@ _ENDLESS = 2**31
 
 
 def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patches: tuple[str, ...], seed: int) -> Any:
-    """A robosuite environment that never ends by itself and resets without rebuilding its model."""
+    """A robosuite environment that never ends an episode itself and resets without rebuilding its model."""
 
     def edit(xml: str) -> str:
         root = ET.fromstring(xml)  # noqa: S314 - robosuite made it
@@ -39,7 +39,7 @@ def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patc
 
 
 def _prepare_visuals(root: ET.Element, preset: VisualPreset) -> None:
-    """Add the flat material of the robot mask to a model's XML and simplify its meshes; physics is untouched."""
+    """Add the flat material of the robot's mask to a model's XML and simplify its visual meshes, not its physics."""
     asset = root.find("asset")
     if asset is None:
         asset = ET.SubElement(root, "asset")
@@ -59,10 +59,10 @@ def _prepare_visuals(root: ET.Element, preset: VisualPreset) -> None:
 
 
 def _with_model_edit(base: Any, edit: Any) -> Any:
-    """The environment class with a processor that is in place when the model is first compiled.
+    """The environment class with an XML processor that already runs when the model is first compiled.
 
-    ``set_xml_processor`` comes too late: the constructor has compiled the model by then, and a rebuild would undo the
-    references that it took.
+    ``set_xml_processor`` is too late: the constructor has compiled the model by then, and a rebuild would invalidate
+    the references that it took.
     """
 
     def initialize(self: Any, xml_string: str | None = None) -> None:

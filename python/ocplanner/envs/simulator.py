@@ -1,4 +1,4 @@
-"""The one place that imports mujoco and robosuite: quietly, and with a clear error where OpenGL is missing."""
+"""The only module that imports mujoco and robosuite: quietly, and with a clear error if OpenGL is missing."""
 
 import contextlib
 import ctypes
@@ -17,7 +17,7 @@ _PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
 
 def rendering_error(cause: object) -> RenderingError:
-    """The error for a machine without headless OpenGL, naming the packages that bring it."""
+    """The error for a machine without headless OpenGL; it names the packages to install."""
     backend = os.environ.get("MUJOCO_GL", "").lower()
     wanted = _PACKAGES.get(backend)
     if wanted is None:
@@ -32,8 +32,8 @@ def rendering_error(cause: object) -> RenderingError:
 def gl_context(width: int, height: int) -> Any:
     """An OpenGL context of the backend that ``MUJOCO_GL`` names.
 
-    ``mujoco.GLContext`` is that of the moment when mujoco was imported, which may have been before ocplanner set the
-    variable: then it wants a screen.
+    ``mujoco.GLContext`` depends on the variable's value when mujoco was imported. If that was before ocplanner set the
+    variable, it needs a screen.
     """
     backend = _BACKENDS.get(os.environ.get("MUJOCO_GL", "").lower())
     module = mujoco if backend is None else importlib.import_module(backend)
@@ -45,30 +45,30 @@ def _only_errors(record: logging.LogRecord) -> bool:
 
 
 def _load_triton_library() -> None:
-    """Load triton's library, if torch brought it, before OpenGL's.
+    """Load triton's library, if torch installed it, before OpenGL's.
 
-    Both Mesa's software renderer and triton carry LLVM. A process that draws first and trains later would crash when
-    torch imports triton; in the other order the two live side by side.
+    Mesa's software renderer and triton both contain LLVM. A process that draws first and trains later would crash when
+    torch imports triton; in the other order both work.
     """
     spec = importlib.util.find_spec("triton")
     if spec is None or not spec.submodule_search_locations:
         return
     library = Path(next(iter(spec.submodule_search_locations)), "_C", "libtriton.so")
-    with contextlib.suppress(OSError):  # not there, or not for this machine: then torch does not load it either
+    with contextlib.suppress(OSError):  # missing, or not for this machine: then torch does not load it either
         ctypes.CDLL(str(library))
 
 
 check_pins()
 _load_triton_library()
 
-# robosuite warns at import about an optional macro file; a filter outlasts the level that it sets itself.
+# robosuite warns at import about an optional macro file. It sets the logger's level itself, but keeps filters.
 logging.getLogger("robosuite_logs").addFilter(_only_errors)
 
 try:
     mujoco: Any = importlib.import_module("mujoco")
     robosuite: Any = importlib.import_module("robosuite")
 except (AttributeError, ImportError, OSError, RuntimeError) as error:
-    # mujoco opens the OpenGL library when it is imported; a missing one shows as any of these.
+    # mujoco opens the OpenGL library when it is imported; a missing library raises any of these.
     if isinstance(error, ModuleNotFoundError):
         raise
     raise rendering_error(error) from error

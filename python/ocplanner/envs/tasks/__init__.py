@@ -1,4 +1,4 @@
-"""The tasks: one module each, found by being here, each binding ``TASK``."""
+"""The tasks: one module each. A module in this package that binds ``TASK`` is found automatically."""
 
 import importlib
 import pkgutil
@@ -30,7 +30,7 @@ def task(name: str) -> Task:
 
 
 def task_of_env(env_name: str) -> Task:
-    """The task that robosuite calls ``env_name``, such as ``"NutAssemblySquare"``.
+    """The task with robosuite's environment ``env_name``, such as ``"NutAssemblySquare"``.
 
     Raises:
         UnknownNameError: no task uses that environment.

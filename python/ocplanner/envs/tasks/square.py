@@ -4,7 +4,7 @@ from math import pi
 
 from ocplanner.envs.tasks.task import ObjectSpec, Task, top_grasp
 
-# The middle of the handle, where people hold it: the nut's handle points along its x axis.
+# The middle of the handle, where people hold it; it points along the nut's x axis.
 _HANDLE = (0.062, 0.0, 0.0035)
 
 TASK = Task(

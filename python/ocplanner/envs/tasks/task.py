@@ -1,4 +1,4 @@
-"""What a task is: a robosuite environment, the objects that matter in it, and where to hold them."""
+"""The description of a task: a robosuite environment, the objects to manipulate, and where to hold them."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,19 +10,19 @@ from ocplanner.geometry.pose import Pose
 
 Placing = Literal["drop", "insert", "trace"]
 PART = ":"
-"""Stands between an object's name and the number of the arm that carries it for a part of the way."""
+"""Separates an object's name from the number of the arm that carries it for a part of the way (``payload:0``)."""
 
 
 @dataclass(frozen=True)
 class GraspFrame:
-    """A way of holding an object, the same for every gripper.
+    """One grasp of an object, the same for every gripper.
 
     Attributes:
-        name: what the hand takes hold of.
-        pose_object_eef: the grasp frame in the object's frame: x along which the fingers close, z out of the palm
-            (the approach), the origin midway between the finger tips. A robot's own end-effector site may be turned
-            against it: see :attr:`ocplanner.envs.robots.RobotSpec.rotation_grasp_site`.
-        width: of the object where it is held, along x, metres; None if not known.
+        name: the part of the object that is held.
+        pose_object_eef: the grasp frame in the object's frame. The fingers close along x, z points out of the palm (the
+            approach), and the origin is midway between the finger tips. A robot's end-effector site may be rotated
+            against this frame: see :attr:`ocplanner.envs.robots.RobotSpec.rotation_grasp_site`.
+        width: of the object at the grasp, along x, metres; None if unknown.
     """
 
     name: str
@@ -32,34 +32,32 @@ class GraspFrame:
 
 @dataclass(frozen=True)
 class ObjectSpec:
-    """An object that a task is about. Where tasks have several, they are placed one after another, each as planned.
+    """An object that a task manipulates. Several objects are placed one after another, each by its own plan.
 
     Attributes:
         name: robosuite's name, the prefix of its sensors (``SquareNut`` of ``SquareNut_pos``).
         joint: its free joint.
-        grasps: the ways of holding it, the preferred one first.
-        yaw_fold: rotational symmetry of the goal about the object's z: 4 means every quarter turn is as good, 0 that
-            any yaw is, 1 that only one is.
-        round: whether it is round where the fingers take it.
-        let_go: whether the goal wants it let go of; False: it stays in the hand.
-        hover: height above the grasp, metres, from which the hand comes down on it, where walls stand round it; the
-            grasp primitive's own if not given.
+        grasps: the possible grasps, the preferred one first.
+        yaw_fold: rotational symmetry of the goal about the object's z: 4 if every quarter turn is equally good, 0 if
+            every yaw is, 1 if only one is.
+        round: whether it is round at the grasp.
+        let_go: whether the hand releases it at the goal.
+        hover: height above the grasp from which the hand descends, metres, for objects between walls; the grasp
+            primitive's own if not given.
         arms: numbers of the arms that carry it; the first takes it and hands it over to the next.
-        ends: where two arms hold it at a time: pairs of what the names of the giver's and of the taker's grasps begin
-            with, far enough from each other for two hands.
-        placing: how it gets to where the plan ends, and when it is let go of. ``"drop"``: lined up above that place and
-            let down, until it hangs free there. ``"insert"``: in the same way, until it rests there. ``"trace"``: led
-            through each pose of the plan, until it rests at the last.
-        tolerance: how exactly it is lined up, or led along the plan: metres and radians. The follower's own numbers
-            if not given.
-        descent: how far below the object its target is while it is let down, metres: how fast. The follower's own
-            number if not given.
-        lift: how far it goes up before it goes aside, and along its own z meanwhile, metres; straight up, by the
-            follower's own number, if not given.
-        lean: least angle by which every arm's palm is tilted, radians; see :func:`ocplanner.control.grasp.leaning`.
+        ends: for a hand-over, pairs of prefixes of the giver's and the taker's grasps that leave room for two hands.
+        placing: how it reaches the end of the plan, and when it is released. ``"drop"``: aligned above the end and
+            lowered until it hangs free there. ``"insert"``: likewise, until it rests there. ``"trace"``: led through
+            each pose of the plan, until it rests at the last one.
+        tolerance: of the alignment, or of following the plan, metres and radians; the follower's own if not given.
+        descent: how far below the object the target is while it is lowered, metres, which sets the speed; the
+            follower's own if not given.
+        lift: how far it is raised before it moves sideways, and how far along its own z meanwhile, metres; if not
+            given, straight up by the follower's own height.
+        lean: smallest angle by which every arm's palm tilts, radians, see :func:`ocplanner.control.grasp.leaning`.
         withdraw: how the open hand leaves it: ``"up"``, or ``"back"``, against the palm's direction.
-        way: (3,) world positions, metres, that the open hand passes on its way to it, turned as it was when the episode
-            began: where the straight way would lead through something.
+        way: (3,) world positions, metres, that the open hand passes on its way to the object, rotated as at the start
+            of the episode, if something blocks the straight way.
     """
 
     name: str
@@ -92,11 +90,11 @@ class ObjectSpec:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What planners of it are called: its name, or with several arms one name for the part of each, in order."""
+        """What planners are trained for: the object, or if several arms carry it each arm's part, in order."""
         return (self.name,) if len(self.arms) == 1 else tuple(f"{self.name}{PART}{arm}" for arm in self.arms)
 
     def held_at(self, end: str) -> "ObjectSpec":
-        """The object with only those of its grasps whose names begin so."""
+        """The object with only the grasps whose names start with ``end``."""
         return replace(self, grasps=tuple(grasp for grasp in self.grasps if grasp.name.startswith(end)))
 
 
@@ -106,9 +104,9 @@ class Task:
 
     Attributes:
         name: our name, such as ``"Square"``.
-        env_name: robosuite's, such as ``"NutAssemblySquare"``.
-        objects: what is manipulated, in this order; the first is the main one.
-        cameras: cameras whose pictures a planner sees unless told otherwise.
+        env_name: robosuite's name, such as ``"NutAssemblySquare"``.
+        objects: the manipulated objects, in order; the first is the main one.
+        cameras: cameras whose images a planner reads by default.
         horizon: control steps of an episode.
     """
 
@@ -120,7 +118,7 @@ class Task:
 
     @property
     def arms(self) -> int:
-        """How many arms it takes."""
+        """Number of arms."""
         return 1 + max(arm for spec in self.objects for arm in spec.arms)
 
     def object(self, name: str | None = None) -> ObjectSpec:
@@ -143,10 +141,10 @@ def top_grasp(
     """A grasp from above.
 
     Args:
-        name: what the hand takes hold of.
+        name: the part of the object that is held.
         position: (3,) of the grasp frame's origin in the object's frame, metres.
         yaw: angle in the object's xy plane from its x axis to the line along which the fingers close, radians.
-        width: of the object along that line, metres; None if not known.
+        width: of the object along that line, metres; None if unknown.
     """
     closing = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     approach = np.array([0.0, 0.0, -1.0])

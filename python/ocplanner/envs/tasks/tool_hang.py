@@ -7,9 +7,9 @@ import numpy as np
 from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
 from ocplanner.geometry.pose import Pose
 
-# The frame lies on its side, its y pointing down, and is held by the grip on its vertical bar.
+# The frame lies on its side with its y pointing down, and is held by the grip on its vertical bar.
 _GRIP = np.array([0.04375, 0.0, 0.0525])
-# Both objects lie to the right of the stand, and the frame is inserted by a hand to its left.
+# Both objects lie to the right of the stand; the hand that inserts the frame is to its left.
 _LEFT_OF_THE_STAND, _OVER_THE_OBJECTS = (-0.17, 0.2, 1.07), (-0.2, -0.2, 1.07)
 
 

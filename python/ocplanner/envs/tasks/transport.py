@@ -1,4 +1,4 @@
-"""Transport: one arm uncovers a hammer and hands it over to another, which has cleared a bin for it."""
+"""Transport: one arm uncovers a hammer and hands it over to the other, which has cleared a bin for it."""
 
 from math import pi
 
@@ -7,7 +7,7 @@ import numpy as np
 from ocplanner.envs.tasks.task import GraspFrame, ObjectSpec, Task, top_grasp
 from ocplanner.geometry.pose import Pose
 
-_HANDLE = 0.005  # height of the middle of the lid's handle over the lid's, m
+_HANDLE = 0.005  # height of the handle's middle above the lid's, m
 _GRIPS = (
     ("head", 0.07),
     ("neck", 0.05),
@@ -15,15 +15,15 @@ _GRIPS = (
     ("lower", -0.035),
     ("heel", -0.06),
     ("foot", -0.08),
-)  # from the middle of the handle, m
-_ROOMY = (0.02, 0.3)  # m, rad: bins and table are
-_FAST = 0.03  # m: there is room, and there are three objects to carry in 700 steps
-_OVER_THE_BINS = (0.02, -0.37, 1.07)  # place of the first hand, world, m: some hang beside a bin at first
-_OVER_THE_WALLS = 0.19  # of the bins, 0.15 m high
+)  # along the hammer, from the middle of its handle, m
+_ROOMY = (0.02, 0.3)  # m, rad: bins and table have room
+_FAST = 0.03  # m: three objects must be carried in 700 steps
+_OVER_THE_BINS = (0.02, -0.37, 1.07)  # of the first hand, world, m: some arms start beside a bin
+_OVER_THE_WALLS = 0.19  # m; the bins' walls are 0.15 m high
 
 
 def _handle(name: str, along: float, up: float, closing: float) -> GraspFrame:
-    """Of the hammer, whose z leads along the handle to the head and which lies with its y or its -y up."""
+    """A grasp of the hammer, whose z points along the handle to the head and whose y or -y points up."""
     rotation = np.column_stack([[closing, 0.0, 0.0], [0.0, 0.0, up * closing], [0.0, -up, 0.0]])
     return GraspFrame(name, Pose(np.array([0.0, 0.0, along]), rotation))
 
