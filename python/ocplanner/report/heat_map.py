@@ -59,7 +59,7 @@ def cell_text(group: TransferGroup) -> tuple[str, str]:
     interval = f"{100 * low:.0f}-{100 * high:.0f} %"
     if len(group.records) > 1:
         return f"{100 * group.mean_rate:.0f} %", f"{interval}, {len(group.records)} planners"
-    (record,) = group.records
+    record = group.records[0]
     return f"{record.successes}/{record.episodes}", interval
 
 
