@@ -46,18 +46,25 @@ def test_a_second_run_does_nothing_again(out: Path, capsys: pytest.CaptureFixtur
         ("--seed", "1"),
         ("--demonstrations", "5"),
         ("--stages", "4", "4", "3"),
-        ("--data", "square_ph.hdf5"),
+        ("--data", "demonstrations.hdf5"),
     ],
 )
 def test_files_of_other_flags_are_not_used_again(out: Path, capsys: pytest.CaptureFixture[str], flags) -> None:
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
-    given = {"--demonstrations": ("4",), "--stages": ("4", "4", "2"), flags[0]: flags[1:]}
+    values = [str(out / value) if flags[0] == "--data" else value for value in flags[1:]]
+    given = {"--demonstrations": ("4",), "--stages": ("4", "4", "2"), flags[0]: values}
     words = [word for flag, values in given.items() for word in (flag, *values)]
     assert main(["demo", "--out", str(out), "--episodes", "1", *words]) == 2
     error = capsys.readouterr().err
     assert f"was made with {flags[0]} " in error
     assert "choose another --out" in error
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_data_set_that_is_not_there_claims_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--out", str(tmp_path / "none"), "--data", str(tmp_path / "absent.hdf5")]) == 2
+    assert "absent.hdf5" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_folder_of_unknown_origin_is_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

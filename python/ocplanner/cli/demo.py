@@ -12,6 +12,7 @@ from ocplanner.cli.report import Report
 from ocplanner.cli.train_planner import TrainPlanner
 from ocplanner.cli.transfer import Transfer
 from ocplanner.collection.settings import CollectSettings, RenderSettings
+from ocplanner.demos.dataset import Demonstrations
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.files.records.demo import DemoInputs
 from ocplanner.planner.config import PlannerTraining, preset
@@ -47,13 +48,7 @@ class Demo:
     def run(self) -> None:
         """Run the steps that are not done yet."""
         robot_spec(self.robot)
-        DemoInputs(
-            data=None if self.data is None else str(self.data.absolute()),
-            data_bytes=self.data.stat().st_size if self.data is not None and self.data.exists() else None,
-            demonstrations=self.demonstrations if self.data is None else None,
-            seed=self.seed,
-            stages=self.stages,
-        ).claim(self.out)
+        self._inputs().claim(self.out)
         console = Console()
         console.rule("1/6 this machine")
         Doctor().run()
@@ -93,6 +88,13 @@ class Demo:
 
         console.rule("6/6 report")
         Report(paths=(self.out,), out=self.out / "report.html", data=(images,)).run()
+
+    def _inputs(self) -> DemoInputs:
+        if self.data is None:
+            return DemoInputs(None, None, self.demonstrations, self.seed, self.stages)
+        with Demonstrations(self.data):  # an unreadable one is an error before anything is made
+            size = self.data.stat().st_size
+        return DemoInputs(str(self.data.absolute()), size, None, self.seed, self.stages)
 
     def _training(self) -> PlannerTraining:
         training = replace(preset("cpu"), seed=self.seed)
