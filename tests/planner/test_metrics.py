@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocplanner.planner.metrics import fold, plan_errors, rotation_angle, yaw_angle
+from ocplanner.geometry.rotation import angles_between
+from ocplanner.planner.metrics import fold, plan_errors, yaw_angle
 
 
 def turn(yaw) -> np.ndarray:
@@ -16,9 +17,9 @@ def turn(yaw) -> np.ndarray:
 @given(st.floats(-3.1, 3.1), st.floats(-3.1, 3.1))
 def test_angles_about_the_vertical(a, b):
     difference = (b - a + np.pi) % (2 * np.pi) - np.pi
-    assert rotation_angle(turn(a), turn(b)) == pytest.approx(abs(difference), abs=1e-6)
+    assert angles_between(turn(a), turn(b)) == pytest.approx(abs(difference), abs=1e-6)
     assert np.sin(yaw_angle(turn(a), turn(b))) == pytest.approx(np.sin(difference), abs=1e-9)
-    assert rotation_angle(turn(a), turn(b)) == rotation_angle(turn(b), turn(a))
+    assert angles_between(turn(a), turn(b)) == pytest.approx(angles_between(turn(b), turn(a)), abs=1e-12)
 
 
 @given(st.floats(-20, 20), st.integers(-5, 5))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ocplanner.planner.config import EncoderConfig, LossConfig
 from ocplanner.planner.encoder import ImageEncoder, SpatialSoftmax
-from ocplanner.planner.network import Normaliser, PlannerNetwork, matrix_from_rot6d, rot6d_from_matrix
+from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.predictor import latent_distance, winner_takes_all
 from ocplanner.planner.vae import Latent, kl_between, kl_to_prior, trajectory_loss
 from ocplanner.training.optimisation import BatchOrder
@@ -26,23 +26,6 @@ def rotations(seed: int, count: int = 5) -> np.ndarray:
 def latent(*shape: int, seed: int = 0) -> Latent:
     generator = torch.Generator().manual_seed(seed)
     return Latent(torch.randn(shape, generator=generator), 0.3 * torch.randn(shape, generator=generator))
-
-
-@given(SEEDS)
-def test_rot6d_is_the_inverse_of_gram_schmidt(seed):
-    matrices = rotations(seed)
-    assert np.allclose(matrix_from_rot6d(rot6d_from_matrix(matrices)), matrices, atol=1e-12)
-
-
-@given(SEEDS)
-def test_any_six_numbers_give_a_rotation(seed):
-    matrices = matrix_from_rot6d(np.random.default_rng(seed).normal(size=(4, 6)))
-    assert np.allclose(matrices @ matrices.swapaxes(1, 2), np.eye(3), atol=1e-9)
-    assert np.allclose(np.linalg.det(matrices), 1)
-
-
-def test_degenerate_six_numbers_stay_finite():
-    assert np.isfinite(matrix_from_rot6d(np.zeros((1, 6)))).all()
 
 
 @given(SEEDS)

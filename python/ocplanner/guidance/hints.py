@@ -4,6 +4,7 @@ import numpy as np
 
 from ocplanner import _core
 from ocplanner.files.records.labels import ActionScale
+from ocplanner.geometry.rotation import rotation_to_6d
 from ocplanner.guidance.settings import Origin
 from ocplanner.planner.planner import Plan
 from ocplanner.settings import require, require_choice
@@ -93,7 +94,7 @@ def plan_rows(plan: Plan) -> np.ndarray:
     """(B, H, 9) float64, or (B, H, 3) for positions only: position in m, then the rotation's first two columns."""
     if plan.rotation is None:
         return plan.position
-    return np.concatenate([plan.position, _core.rotation_to_6d(plan.rotation)], axis=2)
+    return np.concatenate([plan.position, rotation_to_6d(plan.rotation)], axis=2)
 
 
 def _step(plan: Plan, index: int, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ocplanner.geometry.rotation import angles_between
+
 NEAR_END = 20
 """Frames counted as the end of a demonstration: where the object is placed."""
 
@@ -37,12 +39,6 @@ class PlanErrors:
     def as_row(self) -> dict[str, float]:
         """The values that are there, for ``metrics.jsonl``."""
         return {name: float(value) for name, value in asdict(self).items() if value is not None}
-
-
-def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angle in radians, [0, pi], between rotations (..., 3, 3); exact near zero too."""
-    chord = np.linalg.norm(a - b, axis=(-2, -1)) / (2 * np.sqrt(2))
-    return 2 * np.arcsin(np.clip(chord, 0, 1))
 
 
 def yaw_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -90,7 +86,7 @@ def plan_errors(
     )
     if rotations is None:
         return errors
-    angle = np.degrees(rotation_angle(rotations, true_rotations))
+    angle = np.degrees(angles_between(rotations, true_rotations.astype(np.float64)))
     yaw = yaw_angle(rotations, true_rotations)
     return PlanErrors(
         **{name: value for name, value in asdict(errors).items() if value is not None},

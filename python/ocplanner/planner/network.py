@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ocplanner.geometry.rotation import rotation_from_6d, rotation_to_6d
 from ocplanner.planner.config import NetworkConfig
 from ocplanner.planner.predictor import LatentPredictor
 from ocplanner.planner.vae import TrajectoryDecoder, TrajectoryEncoder
@@ -44,30 +45,17 @@ class Normaliser:
         scaled = (positions - self.mean) / self.std
         if rotations is None:
             return scaled.astype(np.float32)
-        return np.concatenate([scaled, rot6d_from_matrix(rotations)], axis=-1).astype(np.float32)
+        return np.concatenate([scaled, rotation_to_6d(rotations.astype(np.float64))], axis=-1).astype(np.float32)
 
     def decode(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """The inverse: float64 positions in metres, and rotations when there are 9 numbers a step."""
+        """The inverse: float64 positions in metres, and rotations if there are 9 numbers a step.
+
+        Raises:
+            InvalidValueError: six numbers give no rotation: two columns are zero, parallel or not finite.
+        """
         numbers = numbers.astype(np.float64)
         positions = numbers[..., :3] * self.std + self.mean
-        return positions, matrix_from_rot6d(numbers[..., 3:9]) if numbers.shape[-1] == 9 else None
-
-
-def rot6d_from_matrix(rotations: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) to (..., 6): the first column, then the second (Zhou et al.)."""
-    return np.concatenate([rotations[..., :, 0], rotations[..., :, 1]], axis=-1)
-
-
-def matrix_from_rot6d(rot6d: np.ndarray) -> np.ndarray:
-    """(..., 6) to (..., 3, 3) by Gram-Schmidt; degenerate columns give an arbitrary finite result."""
-    first = _unit(rot6d[..., :3])
-    second = rot6d[..., 3:6] - (first * rot6d[..., 3:6]).sum(axis=-1, keepdims=True) * first
-    second = _unit(second)
-    return np.stack([first, second, np.cross(first, second)], axis=-1)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+        return positions, rotation_from_6d(numbers[..., 3:].copy()) if numbers.shape[-1] == 9 else None
 
 
 def planned(network: PlannerNetwork, images: Mapping[str, Tensor]) -> np.ndarray:
