@@ -38,8 +38,8 @@ def _seen(camera: CameraFrames, mask_rgb: Sequence[int]) -> np.ndarray:
 
 def _row(path: Path, data: Path, frames: int) -> dict[str, object]:
     exact, rounded = Planner.load(path), Planner.load(path, storage="bf16")
-    kind = {name: exact.config[name] for name in ("observe", "seed")}
-    config = PlannerTraining(cameras=tuple(exact.config["cameras"]), **kind)
+    about = exact.header
+    config = PlannerTraining(cameras=about.cameras, observe=about.observe, seed=about.seed or 0)
     with Demonstrations(data) as demos:
         settings = data_settings(demos, config)
         kept = load_frames(demos, split(demos, config.seed).train, config, settings.object_name, print)

@@ -42,7 +42,7 @@ def test_what_fits(check):
         ({**DRAWN, "visual": "stock"}, {}, "visual=stock, .*trained on fast"),
         ({"observe": "masked", "mask_rgb": [255, 0, 255]}, {}, "visual=unknown"),
         ({**DRAWN, "mask_rgb": [0, 0, 0]}, {}, "colour"),
-        (DRAWN, {"image_size": 96}, "84x84, but the planner wants 96x96"),
+        (DRAWN, {"image_size": 96}, "84x84, but the planner reads 96x96"),
         (DRAWN, {"task": "Lift", "object": "cube"}, "cube of Lift, .*NutAssemblySquare"),
         (DRAWN, {"object": "RoundNut"}, "RoundNut of Square"),
     ],

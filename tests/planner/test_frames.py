@@ -157,7 +157,7 @@ def test_plain_robomimic_images_count_as_full(tiny_square, tmp_path):
 
 def test_another_image_size_is_refused(rendered, tmp_path):
     config = PlannerTraining(network=NetworkConfig(image_size=96))
-    with pytest.raises(MismatchError, match="84x84, the planner wants 96x96"):
+    with pytest.raises(MismatchError, match="84x84, the planner reads 96x96"):
         train_planner(config, rendered, tmp_path / "run")
 
 

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from safetensors.numpy import load_file, save_file
 
 from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, ShapeError, UnknownNameError
+from ocplanner.files.records.planner import PlannerHeader
 from ocplanner.planner.planner import Plan, Planner
 from random_planner import planner_config, random_images, random_tensors, write_planner, write_random_planner
 from torch_reference import reference
@@ -141,7 +143,7 @@ def test_lower_instruction_sets_agree(tmp_path: Path, level: str) -> None:
         code = (
             "import numpy as np; from ocplanner import Planner, _core\n"
             f"planner = Planner.load({str(path)!r}); images = np.load({str(tmp_path / 'images.npy')!r})\n"
-            "plan = planner.plan(dict(zip(planner.config['cameras'], images)))\n"
+            "plan = planner.plan(dict(zip(planner.header.cameras, images)))\n"
             f"np.save({str(tmp_path / 'plan.npy')!r}, plan.position); print(_core.simd_level())"
         )
         environment = {**os.environ, "OCPLANNER_SIMD": level}
@@ -221,12 +223,12 @@ def test_threads_may_share_a_planner(tmp_path: Path) -> None:
 def test_describes_itself(tmp_path: Path) -> None:
     config = write_random_planner(tmp_path / "p.safetensors")
     planner = Planner.load(str(tmp_path / "p.safetensors"))
-    assert dict(planner.config) == config
+    assert planner.header == PlannerHeader.from_json(json.dumps(config))
     assert planner.path == tmp_path / "p.safetensors"
     assert len(planner.sha256) == 64
     assert "horizon=6" in repr(planner)
-    with pytest.raises(TypeError):
-        planner.config["horizon"] = 3  # type: ignore[index]
+    with pytest.raises(FrozenInstanceError):
+        planner.header.horizon = 3  # type: ignore[misc]
 
 
 def test_images_are_checked(tmp_path: Path) -> None:
@@ -370,7 +372,7 @@ def test_mutated_files_load_or_are_refused(tmp_path_factory: pytest.TempPathFact
         planner = Planner.load(path)
     except ModelFileError:
         return
-    json.dumps(dict(planner.config))
+    json.loads(planner.header.metadata()["ocplanner"])
 
 
 TRAINED = sorted((Path(__file__).parents[2] / "results").rglob("planners/*.safetensors"))
@@ -379,7 +381,7 @@ TRAINED = sorted((Path(__file__).parents[2] / "results").rglob("planners/*.safet
 @pytest.mark.parametrize("path", TRAINED, ids=lambda path: path.stem)
 def test_agrees_with_torch_on_trained_weights(path: Path) -> None:
     planner = Planner.load(path)
-    check(planner, dict(planner.config), load_file(path), batch=19)
+    check(planner, json.loads(planner.engine.config_json), load_file(path), batch=19)
 
 
 def test_there_are_trained_planners() -> None:

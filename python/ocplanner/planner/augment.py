@@ -1,7 +1,7 @@
-"""Network inputs out of frames: the crop, and while training random crops, colours and silhouettes.
+"""From frames to network inputs: a centre crop or, in training, random crops, colours and silhouettes.
 
-Everything works on whole batches and draws from the generator it is given, so that a step's images
-depend on nothing else.
+All functions work on whole batches and draw from the generator that they are given, so that a step's images depend on
+nothing else.
 """
 
 import numpy as np
@@ -20,14 +20,14 @@ def to_input(images: np.ndarray, crop: int) -> Tensor:
 
 
 def observed(camera: CameraFrames, rows: np.ndarray, mask_rgb: tuple[int, int, int] | None) -> np.ndarray:
-    """What the observation shows for the source robot: (B, h, w, 3) uint8."""
+    """What the planner sees of the source robot: (B, h, w, 3) uint8."""
     if camera.mask is None or mask_rgb is None:
         return camera.scene[rows]
     return paint(camera.scene[rows], camera.mask[rows], mask_rgb)
 
 
 def paint(images: np.ndarray, mask: np.ndarray, rgb: tuple[int, int, int]) -> np.ndarray:
-    """A copy of (B, h, w, 3) images with the masked pixels in one colour."""
+    """A copy of (B, h, w, 3) images with one colour painted over the masked pixels."""
     return np.where(mask[..., None], np.asarray(rgb, np.uint8), images)
 
 
@@ -61,15 +61,15 @@ def silhouettes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Masks of imagined arms and their errors: two (B, h, w) bool arrays.
 
-    The first is what gets painted. The second is the rim of the imagined arm that an imperfect mask leaves uncovered,
+    The first array is painted over. The second is the rim of the imagined arm that an imperfect mask leaves uncovered,
     where the arm's own colours show.
 
     Args:
-        masks: (N, h, w) the source robot in all frames.
-        others: (N, K, h, w) other arms in all frames, all False where out of reach; or None.
-        rows: (B,) the frames wanted.
-        config: how often what happens.
-        rng: decides.
+        masks: (N, h, w) bool, the source robot's pixels in all frames.
+        others: (N, K, h, w) bool, other arms' pixels in all frames, all False where out of reach; or None.
+        rows: (B,) row numbers of the batch's frames.
+        config: probabilities of each change.
+        rng: random number generator.
     """
     arm = masks[rows]
     count = len(rows)
@@ -92,7 +92,7 @@ def silhouettes(
 
 
 def misplaced(mask: np.ndarray, error: int, rng: np.random.Generator) -> np.ndarray:
-    """Masks (B, h, w) grown or shrunk, or shifted, each by up to ``error`` pixels; a third stay as they are."""
+    """Masks (B, h, w): a third each unchanged, grown or shrunk, and shifted, by up to ``error`` pixels."""
     if error == 0:
         return mask
     count = len(mask)
@@ -111,7 +111,7 @@ def misplaced(mask: np.ndarray, error: int, rng: np.random.Generator) -> np.ndar
 
 
 def dilated(mask: np.ndarray) -> np.ndarray:
-    """(B, h, w) bool grown by one pixel to all eight sides."""
+    """(B, h, w) bool masks grown by one pixel to all eight neighbours."""
     rows = mask.copy()
     rows[:, 1:] |= mask[:, :-1]
     rows[:, :-1] |= mask[:, 1:]
@@ -122,7 +122,7 @@ def dilated(mask: np.ndarray) -> np.ndarray:
 
 
 def ellipses(count: int, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, h, w) bool, one tilted ellipse each, half-axes of 3 to 14 pixels."""
+    """(count, h, w) bool masks of one tilted ellipse each, with half-axes of 3 to 14 pixels."""
     centre = rng.uniform(0, 1, size=(count, 2, 1, 1)) * np.array([height, width])[:, None, None]
     axes = rng.uniform(3, 14, size=(count, 2, 1, 1))
     angle = rng.uniform(0, np.pi, size=(count, 1, 1))
@@ -173,7 +173,7 @@ def _jitter(images: np.ndarray, config: AugmentationConfig, rng: np.random.Gener
 
 
 def _robot_colours(rim: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Colours for the true pixels of (B, h, w): per image a light, dark or reddish grey, shaded from pixel to pixel."""
+    """Colours of the true pixels of (B, h, w): one light, dark or reddish grey an image, shaded from pixel to pixel."""
     count = len(rim)
     base = rng.uniform(0, 1, size=(count, 1)) + rng.normal(0, 0.05, size=(count, 3))
     base[:, 0] += np.where(rng.random(count) < 0.3, rng.uniform(0, 0.5, size=count), 0.0)

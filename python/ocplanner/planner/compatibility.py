@@ -1,4 +1,4 @@
-"""Whether a data set shows a planner what it was trained to see."""
+"""Whether a data set fits a planner."""
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.recorded_task import recorded_task
@@ -8,7 +8,7 @@ from ocplanner.planner.planner import Planner
 
 
 def check_fit(planner: Planner, demos: Demonstrations) -> None:
-    """Check task, object, cameras, observation, image size, visual preset and mask colour.
+    """Check that a data set has the planner's task, object, cameras, observation, image size, preset and mask colour.
 
     Raises:
         MismatchError: the planner was made for something else, or images of a camera are missing.
@@ -24,7 +24,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     missing = [camera for camera in header.cameras if camera not in demos.cameras]
     if missing:
         raise MismatchError(
-            f"{demos.path}: no images of camera {', '.join(missing)}, which the planner wants (there are: "
+            f"{demos.path}: no images of camera {', '.join(missing)}, which the planner reads (there are: "
             f"{', '.join(demos.cameras) or 'none'}); add them with {remedy}"
         )
     for name, wanted, found in (("observe", header.observe, render.observe), ("visual", header.visual, render.visual)):
@@ -42,7 +42,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
         height, width = demos[0].images(camera, slice(0, 1)).shape[1:3]
         if (height, width) != (header.image_size,) * 2:
             raise MismatchError(
-                f"{demos.path}: images of {camera} are {width}x{height}, but the planner wants "
+                f"{demos.path}: images of {camera} are {width}x{height}, but the planner reads "
                 f"{header.image_size}x{header.image_size}; draw them again with {remedy}"
             )
 

@@ -1,4 +1,4 @@
-"""Image encoders: one camera's picture to a feature vector."""
+"""Image encoders: from one camera's image to a feature vector."""
 
 import itertools
 
@@ -28,7 +28,7 @@ class SpatialSoftmax(nn.Module):
 
 
 class SmallTrunk(nn.Module):
-    """3x3 convolutions of stride 2, each followed by ReLU: a 76-pixel crop becomes 5x5 in four."""
+    """3x3 convolutions of stride 2, each followed by ReLU; four of them take a 76-pixel crop to 5x5."""
 
     def __init__(self, channels: tuple[int, ...], batch_norm: bool) -> None:
         super().__init__()
@@ -67,7 +67,7 @@ class BasicBlock(nn.Module):
 
 
 class ResNet18Trunk(nn.Module):
-    """ResNet18 without its average pool and classifier, from scratch: robomimic's ResNet18Conv."""
+    """ResNet18 without its average pool and classifier, not pretrained: robomimic's ResNet18Conv."""
 
     def __init__(self) -> None:
         super().__init__()

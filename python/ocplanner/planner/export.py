@@ -41,7 +41,7 @@ of summation cost about 1e-5; a layer that is exported wrongly costs far more. 1
 
 @dataclass(frozen=True)
 class Provenance:
-    """What the file says beside the architecture: the data, the statistics and how good the plans are."""
+    """What a planner's header says about its data and its errors."""
 
     settings: DataSettings
     normaliser: Normaliser
@@ -106,7 +106,7 @@ def _difference(
 
 
 def planner_header(config: PlannerTraining, provenance: Provenance) -> PlannerHeader:
-    """What the file says about itself."""
+    """The header of the planner file."""
     network, encoder, settings = config.network, config.network.encoder, provenance.settings
     softmax = encoder.pool == "spatial_softmax"
     mean, std = provenance.normaliser.mean.tolist(), provenance.normaliser.std.tolist()
@@ -149,7 +149,7 @@ def planner_header(config: PlannerTraining, provenance: Provenance) -> PlannerHe
 
 
 def planner_tensors(network: PlannerNetwork) -> dict[str, Tensor]:
-    """Every tensor of the file by name, float32, contiguous."""
+    """The file's tensors by name, float32 and contiguous."""
     tensors: dict[str, Tensor] = {}
     for camera, encoder in network.predictor.encoders.items():
         named = _encoder_tensors(cast(ImageEncoder, encoder))

@@ -1,4 +1,4 @@
-"""Training frames in memory: images, masks and the object's future of every kept step of a rendered data set."""
+"""Training frames in memory: images, masks and future object poses of every kept step of a rendered data set."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -22,10 +22,10 @@ VALID_SHARE = 0.1
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """One camera's pictures of N frames.
+    """One camera's images of N frames.
 
     Attributes:
-        scene: (N, h, w, 3) uint8; with a mask the scene without the robot, else the picture as it is.
+        scene: (N, h, w, 3) uint8; with a mask the scene without the robot, else the image as it is.
         mask: (N, h, w) bool, the source robot's pixels; None unless the robot is to be painted over.
         silhouettes: (N, K, h, w) bool, other arms' pixels with their end effector where the source's is, all False
             where out of reach; or None.
@@ -49,7 +49,7 @@ class Frames:
     """N kept frames.
 
     Attributes:
-        cameras: pictures by camera name.
+        cameras: images by camera name.
         positions: (N, H, 3) float32 world positions of the object at t+1 ... t+H, metres.
         rotations: (N, H, 3, 3) float32, object -> world.
         demonstration: (N,) int32, which demonstration a frame comes from.
@@ -102,14 +102,14 @@ class Frames:
 
 
 class Future(NamedTuple):
-    """What follows each frame: positions (n, H, 3), rotations (n, H, 3, 3)."""
+    """Poses after each of n frames: positions (n, H, 3) in metres, rotations (n, H, 3, 3)."""
 
     positions: np.ndarray
     rotations: np.ndarray
 
 
 def future(positions: np.ndarray, rotations: np.ndarray, start: int, stop: int, horizon: int) -> Future:
-    """Poses at t+1 ... t+H for every t in start ... stop - 1, padded with the segment's last pose.
+    """Poses at t+1 ... t+H for each t in start ... stop - 1, padded with the segment's last pose.
 
     Args:
         positions: (T, 3) of a whole demonstration, metres.
@@ -124,7 +124,7 @@ def future(positions: np.ndarray, rotations: np.ndarray, start: int, stop: int, 
 
 
 class DataSettings(NamedTuple):
-    """What a data set says about itself, as far as a planner must know it."""
+    """What a planner takes over from its data set."""
 
     task: str
     object_name: str
@@ -135,7 +135,7 @@ class DataSettings(NamedTuple):
 
 
 def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSettings:
-    """Check that a data set fits a configuration, and read what travels into the planner file.
+    """Check that a data set fits a configuration, and read what the planner file takes over from it.
 
     Raises:
         DatasetError: its task is unknown, it has no images, or lacks a camera that the configuration names.
@@ -161,14 +161,14 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         )
     if render.observe != observe:
         raise MismatchError(
-            f"{demos.path} shows observe={render.observe}, the training wants observe={observe}; "
+            f"{demos.path} shows observe={render.observe}, the training needs observe={observe}; "
             f"render again with {remedy}, or train with --observe {render.observe}"
         )
     size = demos[0].images(config.cameras[0], slice(0, 1)).shape[1:3]
     wanted = config.network.image_size
     if size != (wanted, wanted):
         raise MismatchError(
-            f"{demos.path}: images are {size[1]}x{size[0]}, the planner wants {wanted}x{wanted}; use {remedy}"
+            f"{demos.path}: images are {size[1]}x{size[0]}, the planner reads {wanted}x{wanted}; use {remedy}"
         )
     if observe == "masked" and render.mask_rgb is None:
         raise DatasetError(f"{demos.path}: the data set does not say its mask colour; render again with {remedy}")
@@ -183,7 +183,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
 
 
 class Split(NamedTuple):
-    """Names of the demonstrations trained on and held out, and where the split comes from."""
+    """Names of the training and of the held-out demonstrations, and where the split comes from."""
 
     train: list[str]
     valid: list[str]
@@ -226,8 +226,8 @@ def load_frames(
         demos: the data set.
         names: which demonstrations.
         config: cameras, observation and horizon.
-        object_name: the object, or the part of its way, whose future is planned.
-        say: is told of each demonstration left out because the object is never manipulated in it.
+        object_name: the object, or an arm's part in carrying it, whose future is planned.
+        say: called with a line for each demonstration left out because the object is never manipulated in it.
 
     Raises:
         DatasetError: an array is missing, frames were not rendered, or no frame is kept.

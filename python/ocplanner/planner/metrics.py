@@ -1,4 +1,4 @@
-"""How far plans are from what the demonstrator did: distances in millimetres, angles in degrees."""
+"""Errors of plans against what the demonstrator did: distances in millimetres, angles in degrees."""
 
 from dataclasses import asdict, dataclass
 
@@ -7,17 +7,18 @@ import numpy as np
 from ocplanner.geometry.rotation import angles_between
 
 NEAR_END = 20
-"""Frames counted as the end of a demonstration: where the object is placed."""
+"""Frames at the end of a demonstration, in which the object is placed."""
 
 
 @dataclass(frozen=True)
 class PlanErrors:
     """Errors of N plans against N true futures.
 
-    ADE is the mean distance over the horizon, FDE the distance at its last step. ``path_mm`` is the mean distance of
-    the planned points to the nearest point of the true future, blind to timing. Rotation errors are means over the
-    horizon; ``yaw90`` takes turns of 90 degrees about the vertical for equal. ``end_*`` counts the last 20 kept frames
-    of each demonstration only, ``end_fde_xy_mm`` horizontally. Angles are None for planners of positions.
+    ADE is the mean distance over the horizon, FDE the distance at its last step. ``path_mm`` is the mean distance from
+    each planned point to the nearest point of the true future, which ignores timing. Rotation errors are means over the
+    horizon; ``yaw90`` treats turns of 90 degrees about the vertical as equal. ``end_*`` counts only the last 20 kept
+    frames of each demonstration, ``end_fde_xy_mm`` only horizontal distances. Angles are None for planners of
+    positions.
     """
 
     frames: int
@@ -37,7 +38,7 @@ class PlanErrors:
     end_rotation_deg: float | None = None
 
     def as_row(self) -> dict[str, float]:
-        """The values that are there, for ``metrics.jsonl``."""
+        """The values that are not None, for ``metrics.jsonl``."""
         return {name: float(value) for name, value in asdict(self).items() if value is not None}
 
 

@@ -1,10 +1,9 @@
-"""The whole planner as one torch module, and the arithmetic between poses and network numbers."""
+"""The whole planner as one torch module, and the conversion between poses and network numbers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from torch import Tensor, nn
 
 from ocplanner.geometry.rotation import rotation_from_6d, rotation_to_6d
@@ -36,7 +35,7 @@ class Normaliser:
 
     @classmethod
     def fit(cls, positions: np.ndarray) -> "Normaliser":
-        """Statistics of (..., 3) positions; an axis without spread keeps a scale of 1 mm."""
+        """Statistics of (..., 3) positions; the standard deviation is at least 1 mm."""
         flat = positions.reshape(-1, 3).astype(np.float64)
         return cls(flat.mean(axis=0), np.maximum(flat.std(axis=0), 1e-3))
 
@@ -56,13 +55,3 @@ class Normaliser:
         numbers = numbers.astype(np.float64)
         positions = numbers[..., :3] * self.std + self.mean
         return positions, rotation_from_6d(numbers[..., 3:].copy()) if numbers.shape[-1] == 9 else None
-
-
-def planned(network: PlannerNetwork, images: Mapping[str, Tensor]) -> np.ndarray:
-    """Plan without gradients, in evaluation mode: (B, H, 3 or 9) float32."""
-    training = network.training
-    network.eval()
-    with torch.inference_mode():
-        plan = network(images)
-    network.train(training)
-    return plan.cpu().numpy()

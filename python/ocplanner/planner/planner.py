@@ -1,11 +1,9 @@
-"""The trained planner: images in, the object's future poses out. The forward pass runs in Rust, without torch."""
+"""The trained planner: images in, future poses of the object out. The forward pass runs in Rust, without torch."""
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +33,7 @@ class Plan(NamedTuple):
 
 
 class Planner:
-    """A planner file, loaded. Safe to share between threads: calls release the GIL and run at the same time.
+    """A loaded planner file. Threads may share it: calls release the GIL and run at the same time.
 
     Attributes:
         path: the file.
@@ -49,7 +47,6 @@ class Planner:
         self.path = path
         self.sha256 = hashlib.sha256(data).hexdigest()
         self.engine = _core.PlannerEngine(data, storage)
-        self.config: Mapping[str, Any] = MappingProxyType(json.loads(self.engine.config_json))
         self.header = PlannerHeader.from_json(self.engine.config_json)
 
     @classmethod
@@ -59,8 +56,8 @@ class Planner:
         Args:
             path: a ``.safetensors`` file written by ``ocplanner train-planner``, or its finished run folder.
             storage: ``f32`` keeps the weights as in the file. ``bf16`` rounds those of layers of 1 MiB and more
-                (the late convolutions of ResNet18, large LSTMs), which saves memory traffic and moves a plan by
-                fractions of a millimetre; small planners stay as they are. The arithmetic is float32 either way.
+                (the late convolutions of ResNet18, large LSTMs); this saves memory traffic and moves a plan by
+                fractions of a millimetre. Small planners stay as they are. The arithmetic is float32 either way.
 
         Raises:
             ModelFileError: the file is missing, damaged, or not a planner.
@@ -82,8 +79,8 @@ class Planner:
         Args:
             images: camera name -> (B, h, w, 3) uint8 RGB, upright, C-contiguous; cameras that the planner does not
                 use are ignored.
-            threads: threads to deal a batch out to; the plans depend on it only by rounding.
-            steps: plan only so many steps of the H, which costs less.
+            threads: how many threads share a batch; the plans depend on it only by rounding.
+            steps: decode only the first so many of the H steps, which costs less.
 
         Raises:
             InvalidValueError: ``steps`` is zero or more than H.
@@ -93,18 +90,18 @@ class Planner:
         return Plan(*self.engine.plan(self.arrays(images), threads=threads, steps=steps))
 
     def plan_modes(self, images: Images, threads: int = 1) -> Plan:
-        """Plan with every mode, in the network's order: the arrays get a second axis M. Otherwise as :meth:`plan`."""
+        """Plan with every mode, in the network's order: arrays have a second axis M. Otherwise like :meth:`plan`."""
         return Plan(*self.engine.plan(self.arrays(images), all_modes=True, threads=threads))
 
     def encode(self, images: Images, threads: int = 1) -> NDArray[np.float32]:
-        """Latent means (B, latent) of the most probable mode of each image. Raises as :meth:`plan`."""
+        """Latent means (B, latent) of the most probable mode of each image. Raises like :meth:`plan`."""
         return self.engine.encode(self.arrays(images), threads)
 
     def arrays(self, images: Images) -> list[NDArray[np.uint8]]:
         """The images of the planner's cameras in the engine's order.
 
         Raises:
-            MismatchError: a camera is missing, or the images are not named by camera.
+            MismatchError: a camera is missing, or ``images`` is no dictionary.
         """
         if not isinstance(images, Mapping):
             raise MismatchError(
@@ -114,11 +111,11 @@ class Planner:
         missing = [camera for camera in self.header.cameras if camera not in images]
         if missing:
             raise MismatchError(
-                f"the planner wants images of {', '.join(self.header.cameras)}; missing: {', '.join(missing)}; "
+                f"the planner reads images of {', '.join(self.header.cameras)}; missing: {', '.join(missing)}; "
                 f"given: {', '.join(images) or 'none'}"
             )
         return [images[camera] for camera in self.header.cameras]
 
     def __repr__(self) -> str:
-        """Name, object and size of the plan."""
+        """File, horizon and outputs."""
         return f"Planner({str(self.path)!r}, horizon={self.header.horizon}, outputs={self.header.outputs!r})"

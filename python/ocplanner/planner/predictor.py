@@ -14,7 +14,7 @@ from ocplanner.planner.vae import Latent, kl_between
 
 
 class Prediction(NamedTuple):
-    """Alternative latent plans of each image: ``latent`` (B, M, latent) twice, ``logits`` (B, M)."""
+    """Alternative latent plans for each image: ``latent`` has mu and log_sigma (B, M, latent), ``logits`` is (B, M)."""
 
     latent: Latent
     logits: Tensor
@@ -27,7 +27,7 @@ class Prediction(NamedTuple):
 
 
 class LatentPredictor(nn.Module):
-    """One encoder a camera, their features concatenated, a multilayer perceptron."""
+    """One encoder for each camera; a multilayer perceptron on their concatenated features."""
 
     def __init__(self, config: NetworkConfig, cameras: tuple[str, ...]) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ def latent_distance(predicted: Latent, true: Latent, weights: LossConfig) -> Ten
 
 
 def winner_takes_all(losses: Tensor, logits: Tensor, weights: LossConfig) -> Tensor:
-    """Batch mean of the closest mode's loss, plus a share of the others' and the loss of naming the closest.
+    """Batch mean of the closest mode's loss, plus a share of all modes' and the loss of predicting the closest.
 
     Args:
         losses: (B, M) loss of each mode.

@@ -1,7 +1,6 @@
-"""The three stages of training: what each one trains, its loss on a batch and its losses on held-out demonstrations.
+"""The three stages of training: what each one trains, its loss on a batch and its errors on held-out demonstrations.
 
-Every random number of a step comes from a generator seeded by (seed, stage, step), so that a resumed run repeats
-exactly.
+All random numbers of a step come from a generator seeded by (seed, stage, step), so that a resumed run repeats exactly.
 """
 
 from collections.abc import Callable
@@ -26,7 +25,7 @@ _CHUNK = 256
 
 @dataclass
 class Material:
-    """What all stages share: the network, the data, and how to turn one into the other."""
+    """What all stages share: the network, the data, and the conversions between them."""
 
     config: PlannerTraining
     network: PlannerNetwork
@@ -94,7 +93,7 @@ class Stage(Protocol):
 
     @property
     def module(self) -> nn.Module:
-        """What is trained."""
+        """The part of the network that is trained."""
         ...
 
     def loss(self, rows: np.ndarray, rng: np.random.Generator) -> Tensor:
@@ -208,5 +207,5 @@ STAGES: tuple[type[VaeStage] | type[PredictorStage] | type[FinetuneStage], ...] 
 
 
 def chunks(count: int) -> list[np.ndarray]:
-    """Row numbers 0 ... count - 1 in pieces that fit in memory."""
+    """Row numbers 0 ... count - 1 in chunks small enough for memory."""
     return [np.arange(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK)]

@@ -1,4 +1,4 @@
-"""Training a planner: one call runs all stages, and a stopped run continues to the same weights."""
+"""Training a planner: one call runs all stages, and a stopped run resumes and ends with the same weights."""
 
 import math
 import time
@@ -35,9 +35,9 @@ def train_planner(config: PlannerTraining, data: Path, run: Path) -> Path:
     """Train on a rendered data set and write ``run/planner.safetensors``.
 
     Args:
-        config: all settings; the same ones continue a stopped run.
+        config: all settings; the same settings resume a stopped run.
         data: a robomimic HDF5 with images, see ``ocplanner render``.
-        run: run folder, made when absent.
+        run: run folder, made if it does not exist.
 
     Returns:
         The planner file's path.
@@ -67,7 +67,7 @@ def train_on_frames(
     run: Path,
     progress: TrainingProgress | None = None,
 ) -> Path:
-    """Train on frames already in memory; otherwise as :func:`train_planner`."""
+    """Train on frames that are already in memory; otherwise like :func:`train_planner`."""
     keep_freed_memory()
     with locked(run), _threads(config.threads):
         folder = RunFolder(run)
@@ -234,7 +234,7 @@ class _Training:
 
 
 def _score(errors: PlanErrors) -> float:
-    """Millimetres of ADE, and a degree of rotation counted as a millimetre."""
+    """ADE in millimetres, plus the rotation error with a degree counted as a millimetre."""
     return errors.ade_mm + (errors.rotation_deg or 0.0)
 
 

@@ -16,7 +16,7 @@ class Latent(NamedTuple):
 
 
 class TrajectoryEncoder(nn.Module):
-    """(B, H, 3 or 9) normalised trajectories to a posterior over latent plans."""
+    """From (B, H, 3 or 9) normalised trajectories to a posterior over latent plans."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class TrajectoryEncoder(nn.Module):
 
 
 class TrajectoryDecoder(nn.Module):
-    """(B, latent) latent plans to (B, H, 3 or 9) normalised trajectories; the LSTM reads the latent at every step."""
+    """From (B, latent) latent plans to (B, H, 3 or 9) trajectories; the LSTM reads the latent at every step."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The search for the smallest image encoder: which ones are trained, and what is measured of each."""
+"""The search for the smallest image encoder: which encoders are trained, and what is measured."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -20,7 +20,7 @@ _PLANS_TIMED = 300
 
 @dataclass(frozen=True)
 class EncoderExperiment:
-    """An H = 20 pose planner of masked images with one encoder; the same steps and batches for each encoder."""
+    """A planner of poses (H = 20, masked images) with one encoder; batches are the same for each encoder."""
 
     encoder: EncoderType = "small"
     channels: tuple[int, ...] = (8, 16, 32, 64)
@@ -37,7 +37,7 @@ class EncoderExperiment:
 
     @property
     def flags(self) -> list[str]:
-        """What ``ocplanner train-planner`` needs to be told."""
+        """The flags of ``ocplanner train-planner``."""
         flags = ["--encoder", self.encoder, "--pool", self.pool, "--seed", str(self.seed)]
         if self.encoder == "small":
             flags += ["--channels", *map(str, self.channels)]
@@ -49,11 +49,10 @@ class EncoderExperiment:
 
 
 def encoder_experiments(seeds: Iterable[int]) -> tuple[EncoderExperiment, ...]:
-    """ResNet18 as robomimic has it, then small trunks from narrow to wide and one with robomimic's keypoints.
+    """robomimic's ResNet18, then small trunks from narrow to wide, one of them with robomimic's keypoints.
 
-    A ResNet18 takes an hour on one core, so all are trained for 2,000 steps (predictor and fine-tuning), where the
-    default has 5,000; it is trained with the first seed only. The small ones up to the default's size are also trained
-    for all 5,000.
+    A ResNet18 takes an hour on one core, so all are trained for 2,000 steps (predictor and fine-tuning) instead of the
+    default 5,000, and the ResNet18 with the first seed only. The three narrowest are also trained for all 5,000.
     """
     first, *rest = seeds
     trunks = [(8, 16, 32, 64), (12, 24, 48, 96), (16, 32, 64, 128), (24, 48, 96, 192)]
@@ -69,7 +68,7 @@ def encoder_experiments(seeds: Iterable[int]) -> tuple[EncoderExperiment, ...]:
 
 
 def train_encoders(experiments: Iterable[EncoderExperiment], work: Path, workers: int) -> Iterator[EncoderExperiment]:
-    """Train side by side, one thread each, those whose runs are not finished; yields each when it is done."""
+    """Train the encoders whose runs are not finished, side by side with one thread each; yields each when done."""
 
     def train(experiment: EncoderExperiment) -> EncoderExperiment:
         run = work / "encoders" / experiment.name
@@ -92,8 +91,8 @@ def train_encoders(experiments: Iterable[EncoderExperiment], work: Path, workers
 def write(experiments: Iterable[EncoderExperiment], work: Path, results: Path, command: str) -> Path:
     """Measure the planners whose runs are finished and write ``encoders.json``.
 
-    Each row has the errors on ``mask/valid`` as recorded, with the kept stage, the number of weights of the whole
-    planner file, and the median time of a plan from one image on one thread, milliseconds: all planners take turns.
+    Each row has the errors on ``mask/valid`` as recorded, the kept stage, the size of the planner file in bytes, and
+    the median time in milliseconds of a plan from one image on one thread; all planners take turns.
 
     Raises:
         ModelFileError: a planner is damaged.
@@ -117,8 +116,8 @@ def _time(planners: list[Planner]) -> list[float]:
     seconds: list[list[float]] = [[] for _ in planners]
     for _ in range(_PLANS_TIMED):
         for planner, times in zip(planners, seconds):
-            size = planner.config["image_size"]
-            pictures = {name: rng.integers(0, 256, (1, size, size, 3), np.uint8) for name in planner.config["cameras"]}
+            size = planner.header.image_size
+            pictures = {name: rng.integers(0, 256, (1, size, size, 3), np.uint8) for name in planner.header.cameras}
             start = time.perf_counter()
             planner.plan(pictures)
             times.append(time.perf_counter() - start)

@@ -16,7 +16,7 @@ NAME = "heldout.json"
 
 
 def is_kept(experiment: PlannerExperiment, results: Path) -> bool:
-    """Whether the results hold all that training this planner would bring: its rows, and its file if transfers run it.
+    """Whether the results hold everything that training this planner gives: its rows, and its file if transfers use it.
 
     Raises:
         ResultFileError: ``heldout.json`` is damaged.
@@ -26,7 +26,7 @@ def is_kept(experiment: PlannerExperiment, results: Path) -> bool:
 
 
 def read(results: Path) -> dict[str, Any]:
-    """The content of ``heldout.json``; no rows if there is no such file.
+    """The content of ``heldout.json``, without rows if there is no such file.
 
     Raises:
         ResultFileError: it cannot be read, or has no rows.
@@ -56,17 +56,17 @@ def final_errors(run: Path) -> list[HeldOutErrors]:
 def write(
     trained: Iterable[PlannerExperiment], order: Sequence[PlannerExperiment], work: Path, results: Path, command: str
 ) -> Path:
-    """Put the rows of newly trained planners into ``heldout.json``, in place of the old rows of the same planners.
+    """Put the rows of newly trained planners into ``heldout.json``, replacing the old rows of the same planners.
 
-    One row for each planner, candidate (before and after fine-tuning) and arm shown. Rows of other planners stay; if
-    they were measured with other versions than those now installed, they say so themselves.
+    There is one row for each planner, candidate (before and after fine-tuning) and arm shown. Rows of other planners
+    stay; those measured with other versions than the installed ones name their versions.
 
     Args:
         trained: planners whose runs in ``work`` are finished.
-        order: in which the planners are listed; unknown ones come last.
+        order: of the planners in the file; unknown ones come last.
         work: run folders.
         results: the folder of ``heldout.json``.
-        command: what remakes the rows.
+        command: the command that remakes the rows.
 
     Raises:
         ResultFileError: ``heldout.json`` is damaged.
