@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE
-from ocplanner.planner.config import EncoderConfig, to_dict
+from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.config import HintConfig, NetworkConfig, ObservationConfig, PolicyTraining, preset
 from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.train import read
+from ocplanner.settings import to_dict
 
 HELD = slice(30, 70)
 """Steps at which the labelled demonstrations have a hint."""

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from ocplanner.errors import InvalidValueError, UnknownNameError
-from ocplanner.planner.config import EncoderConfig, to_dict
+from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import (
     GmmConfig,
@@ -14,6 +14,7 @@ from ocplanner.policies.config import (
     preset,
     training_from_dict,
 )
+from ocplanner.settings import to_dict
 
 EVERY = [
     (name, algorithm, kind)

@@ -4,10 +4,10 @@ import torch
 
 from ocplanner import Policy
 from ocplanner.errors import MismatchError, ModelFileError, ShapeError
-from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import save_policy
+from ocplanner.settings import to_dict
 
 WIDTHS = {"object": 14, "robot0_eef_pos": 3, "robot0_eef_quat": 4, "robot0_gripper_qpos": 2}
 

@@ -4,10 +4,10 @@ import pytest
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
-from ocplanner.planner.config import to_dict
 from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.rollout import PolicyRollout
+from ocplanner.settings import to_dict
 
 ABOUT = {
     "object_layout": "absolute-first",

@@ -12,13 +12,12 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import MismatchError, OutputError, TrainingError
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.files.storage import locked
-from ocplanner.planner.config import to_dict
 from ocplanner.policies import train
 from ocplanner.policies.data import Samples
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.q_values import q_values
 from ocplanner.policies.train import train_policy
-from ocplanner.settings import build
+from ocplanner.settings import build, to_dict
 from ocplanner.training.run_folder import RunFolder
 
 

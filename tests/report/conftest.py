@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.planner.config import to_dict
 from ocplanner.policies.result import Checkpoint, PolicyResult
+from ocplanner.settings import to_dict
 from random_policy import random_training
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ocplanner.errors import ResultFileError
-from ocplanner.planner.config import to_dict
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.report.policy_results import PolicyKind, policy_cells, policy_kind, read_evaluation
 from ocplanner.rollouts.intervals import wilson
+from ocplanner.settings import to_dict
 from random_policy import random_training
 
 

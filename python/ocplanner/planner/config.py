@@ -11,7 +11,6 @@ from tyro.conf import arg
 
 from ocplanner.files.records.planner import EncoderType, Observe, Outputs, Pool
 from ocplanner.settings import require, require_choice
-from ocplanner.settings import to_dict as to_dict
 from ocplanner.training.schedule import StageConfig
 
 Preset = Literal["cpu", "robomimic"]

@@ -28,10 +28,11 @@ from ocplanner.files.records.planner import (
 )
 from ocplanner.files.storage import atomic_write
 from ocplanner.planner.augment import to_input
-from ocplanner.planner.config import PlannerTraining, to_dict
+from ocplanner.planner.config import PlannerTraining
 from ocplanner.planner.encoder import BasicBlock, ImageEncoder, ResNet18Trunk, SmallTrunk, SpatialSoftmax
 from ocplanner.planner.frames import DataSettings
 from ocplanner.planner.network import Normaliser, PlannerNetwork
+from ocplanner.settings import to_dict
 
 _TOLERANCE = 1e-3
 """Largest difference between the engine's and the network's plans: of positions in standard deviations of the training

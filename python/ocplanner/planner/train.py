@@ -15,7 +15,7 @@ from ocplanner.errors import InvalidValueError, TrainingError
 from ocplanner.files.records.metrics import HeldOutErrors, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
 from ocplanner.planner.augment import observed
-from ocplanner.planner.config import PlannerTraining, to_dict
+from ocplanner.planner.config import PlannerTraining
 from ocplanner.planner.export import Provenance, export_planner
 from ocplanner.planner.frames import DataSettings, Frames, data_settings, load_frames, split
 from ocplanner.planner.metrics import PlanErrors
@@ -23,6 +23,7 @@ from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.planner.stages import STAGES, Material, Stage
 from ocplanner.progress import TrainingProgress
+from ocplanner.settings import to_dict
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder, Optimisation
 from ocplanner.training.run_folder import RunFolder
