@@ -23,17 +23,17 @@ SUFFIX = ".safetensors"
 
 
 def _ignore(_: object) -> None:
-    """Nobody listens."""
+    """Do nothing."""
 
 
 @dataclass(frozen=True)
 class MatrixProgress:
-    """What is called while a matrix is run.
+    """Callbacks of a matrix.
 
     Attributes:
-        begin: with each cell, without episodes yet, before it is run or read.
-        episode: with each episode that is run, or was by a run that was stopped.
-        done: with each cell that is done, when the matrix's file holds it.
+        begin: called with each cell, still without episodes, before it is run or read.
+        episode: called with each episode, those of an interrupted run included.
+        done: called with each finished cell, once the matrix's file holds it.
     """
 
     begin: Callable[[TransferResult], None] = _ignore
@@ -92,20 +92,20 @@ def transfer_matrix(
 ) -> Matrix:
     """Try every planner on every robot, one cell after another, its episodes side by side.
 
-    Each cell is a result file in the folder called as ``out`` without its ending. ``out`` gathers them and is rewritten
-    after each cell; cells of other tasks, robots and conditions that it holds already stay. A cell whose file is there
-    is not run again, so that a matrix that was stopped goes on where it was.
+    Each cell is a result file in a folder named like ``out`` without its suffix. ``out`` gathers the cells and is
+    rewritten after each; it keeps its cells of other tasks, robots and conditions. A cell whose file exists is not run
+    again, so a matrix that was stopped continues where it stopped.
 
     Args:
-        planners: one a task; see :func:`find_planners`.
+        planners: one for each task; see :func:`find_planners`.
         robots: names of the arms.
         out: the matrix's file.
         episodes: of each cell: how many, from seed 10000 on; or the seed of each.
         config: the conditions of all cells.
         workers: where episodes run.
         overwrite: replace cells that hold other episodes, or those of another planner.
-        videos: record so many successes and so many failures of each cell, the first of each: they are run again.
-        progress: told how far it is.
+        videos: record the first so many successes and failures of each cell, by running them again.
+        progress: callbacks.
 
     Returns:
         The content of ``out``.
@@ -143,7 +143,7 @@ class _Cell:
         self.setup, self.seeds, self.workers, self.out = setup, seeds, workers, out
 
     def result(self, overwrite: bool, videos: int, progress: MatrixProgress) -> TransferResult:
-        """What the file holds if it is this transfer; otherwise its episodes are run."""
+        """The file's content if it is this transfer; otherwise run the episodes and write it."""
         with locked(self.out):
             if self.out.is_file():
                 found = read_result(self.out)
@@ -161,7 +161,7 @@ class _Cell:
         return result
 
     def _film(self, result: TransferResult, videos: int, *, again: bool) -> None:
-        """Run the first successes and failures again to record them; ``again`` also those whose video is there."""
+        """Run the first successes and failures again to record them; with ``again`` also those that have a video."""
         good = [run.seed for run in result.runs if run.success][:videos]
         bad = [run.seed for run in result.runs if not run.success][:videos]
         setup = self.setup.filming(self.out, (*good, *bad))
@@ -180,7 +180,7 @@ def _exists(path: Path | None) -> bool:
 
 
 def _is_same(found: TransferResult, setup: TransferSetup, seeds: Sequence[int]) -> bool:
-    """Whether a result is of this transfer and these episodes, of whatever versions."""
+    """Whether a result is of this transfer and these episodes, whatever the versions."""
     wanted = setup.result
     same = (found.conditions, found.planner_sha256) == (wanted.conditions, wanted.planner_sha256)
     return same and [run.seed for run in found.runs] == list(seeds)

@@ -48,7 +48,7 @@ class TransferSetup:
         robot: str = "Sawyer",
         config: TransferConfig | None = None,
     ) -> Self:
-        """Check what is asked for against what the planner file says about its images.
+        """Check the conditions against what the planner file says about its images.
 
         Args:
             planner: the planner or its file; for a task with several objects, one for each of them.
@@ -93,7 +93,7 @@ class TransferSetup:
 
 
 class EpisodeRunner:
-    """A robot before its task with the planners loaded: runs a transfer's episodes in one process.
+    """Runs the episodes of a transfer in one process, with the environment made and the planners loaded.
 
     Args:
         setup: what to run.

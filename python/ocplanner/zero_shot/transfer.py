@@ -38,11 +38,11 @@ def transfer(
         episodes: how many, from seed 10000 on; or the seed of each.
         config: the conditions.
         workers: where episodes run; the result does not depend on it.
-        out: result file; with it, a transfer that was stopped goes on where it was.
-        overwrite: replace ``out`` if it is there.
-        videos: record so many of the first episodes beside ``out``; those that an earlier run has done without
-            recording them are run again.
-        on_episode: called with each episode, those of an earlier run included.
+        out: result file; with it, a transfer that was stopped continues where it stopped.
+        overwrite: replace ``out`` if it exists.
+        videos: record this many of the first episodes beside ``out``; episodes that an interrupted run did not record
+            are run again.
+        on_episode: called with each episode, those of an interrupted run included.
 
     Raises:
         UnknownNameError: a robot that does not exist.
@@ -91,7 +91,9 @@ def run_transfer(
     """:func:`transfer` of a setup that is checked already; arguments and errors are the same."""
     if out is None:
         if videos:
-            raise InvalidValueError(f"videos is {videos}, but without out there is no place for them; name a file")
+            raise InvalidValueError(
+                f"videos is {videos}, but without out there is no place for them; give a result file"
+            )
         return play(setup, seeds, workers, None, on_episode)
     setup = setup.filming(out, seeds[:videos])
     with locked(out):
@@ -104,7 +106,7 @@ def run_transfer(
 
 
 def journal_of(setup: TransferSetup, out: Path) -> Journal:
-    """The journal of the transfer whose result file is ``out``, with the episodes of a run that was stopped.
+    """The journal of the transfer whose result file is ``out``, with the episodes of an interrupted run.
 
     Raises:
         OutputError: it belongs to another transfer, or is damaged.
@@ -120,7 +122,7 @@ def play(
     journal: Journal | None,
     on_episode: Callable[[EpisodeResult], None] | None,
 ) -> TransferResult:
-    """Run the episodes that the journal does not have, and put all of them into the result in the seeds' order."""
+    """Run the episodes that the journal lacks, and put all of them into the result in the order of the seeds."""
     workers = workers or WorkerSettings()
     runs = {} if journal is None else {seed: journal.runs[seed] for seed in seeds if _done(setup, journal, seed)}
     for run in runs.values():
@@ -138,9 +140,9 @@ def play(
 
 
 def _done(setup: TransferSetup, journal: Journal, seed: int) -> bool:
-    """Whether an earlier run leaves nothing to do for this seed: its episode, and its video if one is asked for.
+    """Whether the journal has the episode of this seed, and its video if it is to be filmed.
 
-    A video that the journal does not know of may be of another transfer with the same output.
+    A video that the journal does not know may be of another transfer with the same output.
     """
     video = setup.video(seed)
     return seed in journal.runs and (video is None or (seed in journal.filmed and video.exists()))
