@@ -8,6 +8,7 @@ from ocplanner.envs.tasks import task as task_spec
 from ocplanner.envs.visuals import MASK_RGB, Observe, Visual
 from ocplanner.errors import InvalidValueError
 from ocplanner.files.records.render import RenderRecord
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
 from ocplanner.settings import build, require, require_choice
 from ocplanner.versions import installed
 
@@ -16,7 +17,6 @@ Flaw = Literal["early-release", "misjudged-goal"]
 
 FrameChoice = Literal["all", "manipulation"]
 
-FIRST_EVALUATION_SEED = 10000
 SEEDS_EACH = 1000
 """Attempts that one seed of a collection stands for."""
 

@@ -4,15 +4,18 @@ Importing this package is cheap; robosuite and mujoco are imported when the firs
 """
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from ocplanner.envs.environment import ManipulationEnv, make_env
 
-__all__ = ["ManipulationEnv", "make_env"]
+__all__ = ["ControlLoop", "ManipulationEnv", "make_env"]
+
+ControlLoop = Literal["native", "stock"]
+"""``native``: the control loop in Rust. ``stock``: robosuite's own, slower, with the same torques."""
 
 
 def __getattr__(name: str) -> object:
-    if name in __all__:
+    if name in ("ManipulationEnv", "make_env"):
         return getattr(importlib.import_module("ocplanner.envs.environment"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ocplanner.envs import ControlLoop
 from ocplanner.envs.arms import RobotArm
 from ocplanner.envs.cameras import Cameras
 from ocplanner.envs.kinematics import reach
@@ -15,11 +16,11 @@ from ocplanner.envs.scene import build_robosuite_env
 from ocplanner.envs.simulator import mujoco
 from ocplanner.envs.tasks import Task
 from ocplanner.envs.tasks import task as task_of_name
-from ocplanner.envs.visuals import OBSERVE_MODES, visual_preset
-from ocplanner.errors import ShapeError, UnknownNameError
+from ocplanner.envs.visuals import Observe, visual_preset
+from ocplanner.errors import ShapeError
 from ocplanner.geometry.pose import Pose
+from ocplanner.settings import require_choice
 
-CONTROL_LOOPS = ("native", "stock")
 _RESTARTS = 6
 
 
@@ -67,10 +68,8 @@ class ManipulationEnv:
         seed: int = 0,
         horizon: int | None = None,
     ) -> None:
-        if observe not in OBSERVE_MODES:
-            raise UnknownNameError("observation", observe, OBSERVE_MODES)
-        if control not in CONTROL_LOOPS:
-            raise UnknownNameError("control loop", control, CONTROL_LOOPS)
+        require_choice("observation", observe, Observe)
+        require_choice("control loop", control, ControlLoop)
         self.task = task = task_of_name(task) if isinstance(task, str) else task
         self.robot = robot = robot_spec(robot) if isinstance(robot, str) else robot
         self.cameras = task.cameras if cameras is None else tuple(cameras)

@@ -7,6 +7,9 @@ import tyro
 
 from ocplanner.settings import require
 
+FIRST_EVALUATION_SEED = 10000
+"""Seeds from here on are for evaluation only: no demonstration is recorded with them."""
+
 
 @dataclass(frozen=True)
 class WorkerSettings:

@@ -12,13 +12,14 @@ import tyro
 
 from ocplanner.control.noisy_pose import PoseError
 from ocplanner.control.settings import ControlSettings, FollowMode
+from ocplanner.envs import ControlLoop
 from ocplanner.envs.robots import ROBOTS
+from ocplanner.envs.visuals import Visual
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
 from ocplanner.settings import build, require, require_choice, to_dict
 
-Visual = Literal["fast", "stock"]
-ControlLoop = Literal["native", "stock"]
-FIRST_SEED = 10000
-"""Of evaluation; the seeds of the other episodes follow it, and none of them is used in training."""
+FIRST_SEED = FIRST_EVALUATION_SEED
+"""Of the first episode; the seeds of the others follow it."""
 
 
 _FOLLOW_FLAG = tyro.constructors.PrimitiveConstructorSpec(
