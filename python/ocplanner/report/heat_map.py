@@ -55,11 +55,10 @@ def heat_map(groups: Sequence[TransferGroup]) -> HeatMap:
 
 def cell_text(group: TransferGroup) -> tuple[str, str]:
     """The text of a cell: the count, or the mean rate of several planners, and the 95 % interval."""
-    low, high = group.interval
+    record, (low, high) = group.records[0], group.interval
     interval = f"{100 * low:.0f}-{100 * high:.0f} %"
     if len(group.records) > 1:
         return f"{100 * group.mean_rate:.0f} %", f"{interval}, {len(group.records)} planners"
-    record = group.records[0]
     return f"{record.successes}/{record.episodes}", interval
 
 

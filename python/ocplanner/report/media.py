@@ -2,6 +2,7 @@
 
 import base64
 import io
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -84,21 +85,13 @@ def match_episode(path: Path, records: Sequence[TransferResult]) -> tuple[Transf
 
 
 def _distance(path: Path, record: TransferResult) -> int:
+    """Folders between a video and a result; -1 if the video lies in the result's own folder."""
     result = record.path.resolve()
     if path.resolve().parent == result.with_suffix(""):
         return -1
-    ours, theirs = path.resolve().parent.parts, result.parent.parts
-    shared = sum(1 for _ in _common(ours, theirs))
-    return len(ours) + len(theirs) - 2 * shared
-
-
-def _common(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    parts = []
-    for one, other in zip(ours, theirs):
-        if one != other:
-            break
-        parts.append(one)
-    return parts
+    folders = path.resolve().parent, result.parent
+    shared = len(Path(os.path.commonpath(folders)).parts)
+    return sum(len(folder.parts) - shared for folder in folders)
 
 
 def embed_file(path: Path) -> str:

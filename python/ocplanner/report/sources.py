@@ -18,8 +18,8 @@ from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_ev
 from ocplanner.report.runs import TrainingRun, read_run
 from ocplanner.zero_shot.result import TransferResult, read_results
 
-PICTURES = (".png", ".svg")
-WEIGHTS = ".safetensors"
+_KINDS = {".mp4": "video", ".png": "figure", ".svg": "figure"}
+_WEIGHTS = ".safetensors"
 _FIGURES = "figures"
 _POLICIES = "policies"
 _SKIPPED = ("checkpoints", "tensorboard", "node_modules", "__pycache__")
@@ -51,42 +51,41 @@ class Sources:
 def find_sources(paths: Iterable[str | Path]) -> Sources:
     """Look through files and folders.
 
-    A folder with ``metrics.jsonl`` is a run; a JSON file with episodes, or a matrix of them, is a result, one with the
-    checkpoints of a policy an evaluation; every mp4 is an episode; a safetensors file is a policy if it says so and
-    otherwise a planner; of the policies in a run folder only the last is taken; pictures count when they lie in a
-    folder called ``figures``. A file named outright must be one of these, and is always taken.
+    A folder with ``metrics.jsonl`` is a run. A JSON file is a transfer, a matrix of transfers, or an evaluation of a
+    policy. An mp4 is an episode. A safetensors file is a policy if its header says so, otherwise a planner; of the
+    policies in a run folder only the last counts. Pictures count if they lie in a folder called ``figures``. A file
+    named outright always counts.
 
     Raises:
-        ResultFileError: a path is missing, a named file is of no kind known here, something found is damaged, or there
-            is nothing to show at all.
+        ResultFileError: a path is missing, a named file is of none of these kinds, a file is damaged, or there is
+            nothing to show.
     """
-    found: dict[Path, None] = {}
+    found: dict[Path, tuple[Path, str]] = {}
     for path in map(Path, paths):
         if path.is_dir():
-            found |= dict.fromkeys(file for file in _files(path) if _shown(file))
+            kinds = ((file, _kind(file)) for file in _files(path))
+            found |= {file.resolve(): (file, kind) for file, kind in kinds if kind and _shown(file, kind)}
         elif path.is_file():
-            found[_named(path)] = None
+            found[path.resolve()] = path, _kind_of_named(path)
         else:
             raise ResultFileError(f"no such file or folder: {path}")
-    unique = list({file.resolve(): file for file in found}.values())
-    json_files = {file: _content(file) for file in unique if file.suffix == ".json"}
-    evaluations = [file for file, content in json_files.items() if is_evaluation(content)]
-    weights = {file: _is_policy(file) for file in unique if file.suffix == WEIGHTS}
-    sources = Sources(
-        runs=tuple(read_run(file.parent) for file in unique if file.name == METRICS),
-        records=_distinct(record for file in json_files if file not in evaluations for record in read_results(file)),
-        videos=tuple(file for file in unique if file.suffix == ".mp4"),
-        figures=tuple(file for file in unique if file.suffix in PICTURES),
-        planners=tuple(file for file, is_policy in weights.items() if not is_policy),
-        policies=tuple(file for file, is_policy in weights.items() if is_policy),
-        evaluations=tuple(read_evaluation(file) for file in evaluations),
-    )
-    if not unique:
+    if not found:
         raise ResultFileError(
-            f"nothing to report in {', '.join(map(str, paths))}: "
-            "no metrics.jsonl, result, planner, policy, mp4 or figures"
+            f"nothing to report in {', '.join(map(str, paths))}: no {METRICS}, result, planner, policy, mp4 or figures"
         )
-    return sources
+
+    def of(kind: str) -> list[Path]:
+        return [file for file, found_kind in found.values() if found_kind == kind]
+
+    return Sources(
+        runs=tuple(read_run(file.parent) for file in of("run")),
+        records=_distinct(record for file in of("transfer") for record in read_results(file)),
+        videos=tuple(of("video")),
+        figures=tuple(of("figure")),
+        planners=tuple(of("planner")),
+        policies=tuple(of("policy")),
+        evaluations=tuple(read_evaluation(file) for file in of("evaluation")),
+    )
 
 
 def _distinct(records: Iterable[TransferResult]) -> tuple[TransferResult, ...]:
@@ -105,24 +104,43 @@ def _files(folder: Path) -> Iterator[Path]:
         yield from (Path(parent) / name for name in sorted(files, key=natural_key) if not name.startswith("."))
 
 
-def _shown(file: Path) -> bool:
+def _kind(file: Path) -> str | None:
+    """The kind of a file; None if a report cannot show it."""
+    if file.name == METRICS:
+        return "run"
+    if file.suffix == _WEIGHTS:
+        return "policy" if _is_policy(file) else "planner"
     if file.suffix == ".json":
-        return _holds_results(file)
-    if file.suffix == WEIGHTS:
-        return not _superseded(file)
-    return file.name == METRICS or file.suffix == ".mp4" or (file.suffix in PICTURES and file.parent.name == _FIGURES)
+        content = _content(file)
+        if is_transfer(content) or is_matrix(content):
+            return "transfer"
+        return "evaluation" if is_evaluation(content) else None
+    return _KINDS.get(file.suffix)
 
 
-def _superseded(file: Path) -> bool:
-    """Whether a run folder keeps a later policy than this one in its ``policies``."""
+def _kind_of_named(file: Path) -> str:
+    kind = _kind(file)
+    if kind is None and file.suffix != ".json":
+        raise ResultFileError(
+            f"cannot report on {file}: give a run folder, {METRICS}, a result of `transfer` or `evaluate` (.json), a "
+            "planner or policy (.safetensors), a video (.mp4) or a picture"
+        )
+    return kind or "transfer"  # whose reader says what is wrong
+
+
+def _shown(file: Path, kind: str) -> bool:
+    """Whether a file counts that is not named outright: no stray picture, and no policy before the last of its run."""
+    if kind == "figure":
+        return file.parent.name == _FIGURES
     run = file.parent.parent
-    if file.parent.name != _POLICIES or not (run / METRICS).exists():
-        return False
-    return (run / POLICY_FILE).exists() or file.name < max(other.name for other in file.parent.glob(f"*{WEIGHTS}"))
+    if file.suffix != _WEIGHTS or file.parent.name != _POLICIES or not (run / METRICS).exists():
+        return True
+    last = max(other.name for other in file.parent.glob(f"*{_WEIGHTS}"))
+    return not (run / POLICY_FILE).exists() and file.name == last
 
 
 def _is_policy(file: Path) -> bool:
-    """By what the file says of itself; one that cannot be read is left to the planner's loader to refuse."""
+    """Whether the header says so; the planner's loader reports a file that cannot be read."""
     try:
         with safe_open(file, framework="numpy") as opened:
             return json.loads((opened.metadata() or {})["ocplanner"])["kind"] == "policy"
@@ -130,23 +148,9 @@ def _is_policy(file: Path) -> bool:
         return False
 
 
-def _named(file: Path) -> Path:
-    if file.name == METRICS or file.suffix in (".json", ".mp4", WEIGHTS, *PICTURES):
-        return file
-    raise ResultFileError(
-        f"cannot report on {file}: give a run folder, {METRICS}, a result of `transfer` or `evaluate` (.json), a "
-        "planner or policy (.safetensors), a video (.mp4) or a picture"
-    )
-
-
 def _content(file: Path) -> Any:
     """Parsed JSON; None if it cannot be read."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+    except (OSError, ValueError):
         return None
-
-
-def _holds_results(file: Path) -> bool:
-    content = _content(file)
-    return is_transfer(content) or is_matrix(content) or is_evaluation(content)
