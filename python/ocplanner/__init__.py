@@ -31,7 +31,7 @@ _LAZY = {
     "Policy": "ocplanner.policies.policy",
     "PolicyResult": "ocplanner.policies.result",
     "Pose": "ocplanner.geometry.pose",
-    "RewardConfig": "ocplanner.guidance.settings",
+    "RewardConfig": "ocplanner.guidance.rewards",
     "TransferConfig": "ocplanner.zero_shot.settings",
     "evaluate_policy": "ocplanner.policies.evaluate",
     "label_dataset": "ocplanner.guidance.dataset",

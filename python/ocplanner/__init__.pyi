@@ -6,9 +6,9 @@ from ocplanner.envs import make_env as make_env
 from ocplanner.geometry.pose import Pose as Pose
 from ocplanner.guidance.dataset import label_dataset as label_dataset
 from ocplanner.guidance.live_reward import PlanReward as PlanReward
+from ocplanner.guidance.rewards import RewardConfig as RewardConfig
 from ocplanner.guidance.rewards import plan_reward as plan_reward
 from ocplanner.guidance.settings import LabelSettings as LabelSettings
-from ocplanner.guidance.settings import RewardConfig as RewardConfig
 from ocplanner.planner.planner import Plan as Plan
 from ocplanner.planner.planner import Planner as Planner
 from ocplanner.policies.evaluate import evaluate_policy as evaluate_policy

@@ -131,7 +131,13 @@ class RewardLaw:
         gamma: float = 0.99,
     ) -> RewardLaw: ...
     def rewards(
-        self, planned: _Poses, achieved: _Poses, grasping: NDArray[np.bool_], *, terminal: bool = True
+        self,
+        planned: _Poses,
+        achieved: _Poses,
+        grasping: NDArray[np.bool_],
+        *,
+        further: _F64 | None = None,
+        terminal: bool = True,
     ) -> _Terms:
         """Position term (T,) in m^2, rotation term (T,) or None, both unweighted, and reward (T,).
 
@@ -139,6 +145,7 @@ class RewardLaw:
             planned: ((T, 3), (T, 3, 3) or None) m'_{t+1}, world frame, m.
             achieved: m_{t+1} likewise.
             grasping: (T,), whether the object is held.
+            further: (T,) weighted error of terms beside these two; E includes it where the object is held.
             terminal: the last transition leads to a terminal state; otherwise a time limit cuts the episode off.
 
         Raises:

@@ -27,8 +27,7 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.drawing.style import SERIES, new_figure, save_figure, styled
 from ocplanner.envs import make_env
 from ocplanner.files.storage import atomic_json
-from ocplanner.guidance.rewards import plan_reward
-from ocplanner.guidance.settings import Form, RewardConfig
+from ocplanner.guidance.rewards import Form, RewardConfig, plan_reward
 from ocplanner.planner.planner import Planner
 from ocplanner.versions import installed
 

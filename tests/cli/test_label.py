@@ -3,7 +3,8 @@ import tyro
 from ocplanner.cli import main
 from ocplanner.cli.label import Label
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.guidance.settings import LabelSettings, RewardConfig
+from ocplanner.guidance.rewards import RewardConfig
+from ocplanner.guidance.settings import LabelSettings
 from random_planner import write_random_planner
 
 

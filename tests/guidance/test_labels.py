@@ -11,7 +11,8 @@ from ocplanner.control.grasp_detection import held_steps
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, UnknownNameError
 from ocplanner.guidance.labels import Labeller
-from ocplanner.guidance.settings import Form, LabelSettings, RewardConfig
+from ocplanner.guidance.rewards import Form, RewardConfig
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.planner.planner import Planner
 from random_planner import write_random_planner
 

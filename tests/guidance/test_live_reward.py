@@ -14,7 +14,8 @@ from ocplanner.envs.gymnasium_env import GymnasiumEnv
 from ocplanner.errors import MismatchError, UnknownNameError
 from ocplanner.guidance.dataset import label_dataset
 from ocplanner.guidance.live_reward import PlanReward
-from ocplanner.guidance.settings import Form, LabelSettings, RewardConfig
+from ocplanner.guidance.rewards import Form, RewardConfig
+from ocplanner.guidance.settings import LabelSettings
 from random_planner import write_random_planner
 
 

@@ -1,3 +1,4 @@
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -7,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ocplanner.errors import InvalidValueError, ShapeError
-from ocplanner.guidance.rewards import plan_reward
-from ocplanner.guidance.settings import Form, RewardConfig
+from ocplanner.guidance import rewards
+from ocplanner.guidance.rewards import Form, FurtherTerm, RewardConfig, plan_reward
 
 STEPS = 12
 
@@ -114,3 +115,31 @@ def test_bad_input_is_named():
         plan_reward(planned, achieved, [True] * STEPS)  # type: ignore[arg-type]
     with pytest.raises(InvalidValueError, match="too large"):
         plan_reward((np.full((1, 3), 1e300), None), (np.zeros((1, 3)), None), np.array([True]))
+
+
+@dataclass(frozen=True)
+class WithHeight(RewardConfig):
+    height: float = 2.0
+
+
+def test_a_further_term_is_a_function_and_a_weight(monkeypatch):
+    def below(planned, achieved):
+        return np.maximum(planned[0][:, 2] - achieved[0][:, 2], 0.0)
+
+    monkeypatch.setitem(rewards.FURTHER_TERMS, "height", FurtherTerm("height", below))
+    planned, achieved, held = poses(0), poses(1), np.arange(STEPS) % 3 > 0
+    config = WithHeight(a=0.5, b=0.25)
+    found = plan_reward(planned, achieved, held, config)
+    error = np.where(held, below(planned, achieved), 0.0)
+    assert error.any()
+    np.testing.assert_array_equal(found.terms["ocp_reward_height"], error)
+    np.testing.assert_allclose(found.reward, -(0.5 * found.position + 0.25 * found.rotation + 2.0 * error), rtol=1e-12)
+    assert list(found.terms) == ["ocp_reward_position", "ocp_reward_rotation", "ocp_reward_height"]
+    assert found.last.terms["ocp_reward_height"] == error[-1:]
+
+
+def test_without_further_terms_only_the_papers_two_are_named():
+    assert list(plan_reward(poses(0), poses(1), np.ones(STEPS, bool)).terms) == [
+        "ocp_reward_position",
+        "ocp_reward_rotation",
+    ]

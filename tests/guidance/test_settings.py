@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from ocplanner.errors import InvalidValueError, UnknownNameError
-from ocplanner.guidance.settings import Form, RewardConfig
+from ocplanner.guidance.rewards import Form, RewardConfig
 
 
 def test_the_defaults_are_the_papers_weights_and_a_penalty():

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from ocplanner.guidance.dataset import label_dataset
-from ocplanner.guidance.settings import LabelSettings, RewardConfig
+from ocplanner.guidance.rewards import RewardConfig
+from ocplanner.guidance.settings import LabelSettings
 from quick_robomimic import quick
 from random_planner import write_random_planner
 

@@ -185,12 +185,8 @@ class Labeller:
         terms = plan_reward(
             planned, (achieved[0], achieved[1]), held, self._settings.reward_config, terminal=bool(demo.dones[-1])
         )
-        arrays = {
-            "rewards": terms.reward + sparse if self._settings.reward == "augment" else terms.reward,
-            "rewards_sparse": sparse,
-            "ocp_reward_position": terms.position,
-        }
-        return arrays if terms.rotation is None else {**arrays, "ocp_reward_rotation": terms.rotation}
+        reward = terms.reward + sparse if self._settings.reward == "augment" else terms.reward
+        return {"rewards": reward, "rewards_sparse": sparse, **terms.terms}
 
     def _next_observations(self, demo: Demonstration, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """``next_obs`` of what was added and, where rewards are written, of every observation that lacks it."""

@@ -13,8 +13,7 @@ from ocplanner.envs.gymnasium_env import GymnasiumEnv
 from ocplanner.errors import MismatchError
 from ocplanner.geometry.pose import Pose
 from ocplanner.guidance.live_plan import LivePlan
-from ocplanner.guidance.rewards import DEFAULT_REWARD, Rewards, plan_reward
-from ocplanner.guidance.settings import RewardConfig
+from ocplanner.guidance.rewards import DEFAULT_REWARD, RewardConfig, Rewards, plan_reward
 from ocplanner.planner.planner import Plan, Planner
 from ocplanner.settings import require_choice
 
@@ -71,9 +70,9 @@ class LiveReward:
                 if planned[1] is not None and step.plan.rotation is not None:
                     planned[1][row] = step.plan.rotation[0, 0]
         held = np.array([step.plan is not None for step in self._last])
-        terms = plan_reward(planned, (position, rotation), held, self._config, terminal=terminal)
+        rewards = plan_reward(planned, (position, rotation), held, self._config, terminal=terminal)
         self._plan = None if terminal else self._planned(action)
-        return Rewards(*(None if term is None else term[-1:] for term in terms))  # type: ignore[arg-type]
+        return rewards.last
 
     def _planned(self, last_action: np.ndarray | None) -> Plan | None:
         """The plan before the next action, if one of the arms that carry the object holds it."""
@@ -132,9 +131,7 @@ class PlanReward(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], SupportsFloat, bool, bool, dict[str, Any]]:
         """Advance 0.05 s."""
         observation, sparse, terminated, truncated, info = self.env.step(action)
-        terms = self._live.after(action, terminated)
-        seen = {"reward_sparse": float(sparse), "ocp_reward_position": float(terms.position[0])}
-        if terms.rotation is not None:
-            seen["ocp_reward_rotation"] = float(terms.rotation[0])
-        reward = float(terms.reward[0]) + (float(sparse) if self._augment else 0.0)
+        rewards = self._live.after(action, terminated)
+        seen = {"reward_sparse": float(sparse), **{name: float(term[0]) for name, term in rewards.terms.items()}}
+        reward = float(rewards.reward[0]) + (float(sparse) if self._augment else 0.0)
         return observation, reward, terminated, truncated, {**info, **seen}

@@ -1,56 +1,17 @@
-"""What ``ocplanner label`` writes, and the weights and the form of the plan's reward."""
+"""What ``ocplanner label`` writes."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import tyro
 
-from ocplanner import _core
 from ocplanner.errors import DatasetError
 from ocplanner.files.records.labels import LabelRecord
+from ocplanner.guidance.rewards import RewardConfig
 from ocplanner.settings import build, require, require_choice
 
-Form = Literal["penalty", "literal", "exp", "potential"]
 Origin = Literal["object", "plan"]
 RewardMode = Literal["augment", "only", "off"]
-
-
-@dataclass(frozen=True)
-class RewardConfig:
-    """How the weighted error E = a |p' - p|^2 + b |r' - r|^2 of a transition becomes its reward.
-
-    ``literal`` rewards leaving the plan. ``exp`` is 1 on the plan. ``potential`` is gamma Phi(s') - Phi(s) with
-    Phi = -E, which leaves the best policy unchanged (Ng, Harada and Russell 1999).
-
-    The default ``scale`` is the E of 2 cm and 0.2 rad together under the default weights, which count 0.2 rad 200 times
-    as much as 2 cm. For an even share use, for instance, ``a=1 / 0.02**2, b=1 / 0.2**2, scale=1``.
-
-    Raises:
-        InvalidValueError: a weight is negative, or the form's ``scale`` or ``gamma`` is outside its range.
-        UnknownNameError: no such form; the message lists the known ones.
-    """
-
-    a: float = 0.003
-    """Weight of the position term, 1/m^2."""
-    b: float = 0.003
-    """Weight of the rotation term."""
-    form: Form = "penalty"
-    """penalty: -E. literal: +E, as the paper prints it. exp: exp(-E / scale). potential: shaping by Phi = -E."""
-    gamma: float = 0.99
-    """The learner's discount, in [0, 1]; for the form potential only."""
-    scale: float = 2.5e-4
-    """The weighted error E at which the form exp has fallen to 1/e."""
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        _ = self.law
-
-    @property
-    def law(self) -> _core.RewardLaw:
-        """The native reward of this configuration."""
-        return _core.RewardLaw(
-            self.form, weight_position=self.a, weight_rotation=self.b, scale=self.scale, gamma=self.gamma
-        )
 
 
 @dataclass(frozen=True)

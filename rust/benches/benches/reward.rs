@@ -28,7 +28,7 @@ fn rewards(criterion: &mut Criterion) {
     ] {
         let law = RewardLaw { form, ..RewardLaw::default() };
         group.bench_function(name, |bench| {
-            bench.iter(|| law.rewards(planned, achieved, &grasping, EpisodeEnd::Terminated).expect("valid poses"));
+            bench.iter(|| law.rewards(planned, achieved, &grasping, &[], EpisodeEnd::Terminated).expect("valid poses"));
         });
     }
     group.finish();

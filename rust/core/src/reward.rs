@@ -137,7 +137,8 @@ impl RewardLaw {
     /// Terms and rewards of an episode.
     ///
     /// `planned` and `achieved` hold m'_{t+1} and m_{t+1}; `grasping` says whether the robot holds the object during the
-    /// transition. Without planned rotations the achieved ones are ignored and there is no rotation term. Only the
+    /// transition. Without planned rotations the achieved ones are ignored and there is no rotation term. `further` is
+    /// the weighted error of terms beside these two, which E includes where the object is held; empty for none. Only the
     /// potential form depends on `end`.
     ///
     /// # Errors
@@ -148,9 +149,14 @@ impl RewardLaw {
         planned: Poses<'_>,
         achieved: Poses<'_>,
         grasping: &[bool],
+        further: &[f64],
         end: EpisodeEnd,
     ) -> Result<Rewards> {
         let steps = grasping.len();
+        if !further.is_empty() && further.len() != steps {
+            let expected = format!("({steps},): one for each flag of grasping");
+            return Err(Error::Shape { what: "further error", found: vec![further.len()], expected });
+        }
         same_length("planned position", planned.position.len(), steps, "3")?;
         same_length("achieved position", achieved.position.len(), steps, "3")?;
         let mut position = Vec::with_capacity(steps);
@@ -169,7 +175,7 @@ impl RewardLaw {
                 turned.push(if *held { error } else { 0.0 });
             }
         }
-        let reward = self.combine(&position, rotation.as_deref(), grasping, end)?;
+        let reward = self.combine(&position, rotation.as_deref(), grasping, further, end)?;
         Ok(Rewards { position, rotation, reward })
     }
 
@@ -179,6 +185,7 @@ impl RewardLaw {
         position: &[f64],
         rotation: Option<&[f64]>,
         grasping: &[bool],
+        further: &[f64],
         end: EpisodeEnd,
     ) -> Result<Vec<f64>> {
         let mut rewards = Vec::with_capacity(grasping.len());
@@ -186,7 +193,10 @@ impl RewardLaw {
         let mut before = 0.0;
         for (t, held) in grasping.iter().enumerate() {
             let turned = rotation.map_or(0.0, |rotation| rotation[t]);
-            let error = self.weight_position * position[t] + self.weight_rotation * turned;
+            let mut error = self.weight_position * position[t] + self.weight_rotation * turned;
+            if let (true, Some(further)) = (*held, further.get(t)) {
+                error += further;
+            }
             let error = finite("weighted error", error)?;
             rewards.push(match self.form {
                 // A difference, because -error would turn 0 into -0.

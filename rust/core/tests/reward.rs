@@ -44,7 +44,7 @@ fn weights() -> impl Strategy<Value = (f64, f64)> {
 }
 
 fn rewards(law: RewardLaw, planned: Poses<'_>, achieved: Poses<'_>, grasping: &[bool], end: EpisodeEnd) -> Rewards {
-    law.validate().unwrap().rewards(planned, achieved, grasping, end).unwrap()
+    law.validate().unwrap().rewards(planned, achieved, grasping, &[], end).unwrap()
 }
 
 proptest! {
@@ -150,7 +150,7 @@ proptest! {
         let Ok(law) = law.validate() else { return Ok(()) };
         let (planned, achieved) = ([planned], [achieved]);
         let poses = |position| Poses { position, rotation: None };
-        if let Ok(found) = law.rewards(poses(&planned), poses(&achieved), &[true], Truncated) {
+        if let Ok(found) = law.rewards(poses(&planned), poses(&achieved), &[true], &[], Truncated) {
             prop_assert!(found.reward[0].is_finite() && found.position[0].is_finite());
         }
     }
@@ -185,7 +185,7 @@ fn a_plan_of_positions_has_no_rotation_term() {
 #[test]
 fn bad_input_is_an_error() {
     let run = |law: RewardLaw, planned: Poses<'_>, achieved: Poses<'_>, grasping: &[bool]| {
-        law.rewards(planned, achieved, grasping, Terminated).unwrap_err()
+        law.rewards(planned, achieved, grasping, &[], Terminated).unwrap_err()
     };
     let (law, origin) = (RewardLaw::default(), [[0.0; 3]]);
     let good = Poses { position: &origin, rotation: Some(&[IDENTITY]) };

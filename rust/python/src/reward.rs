@@ -62,20 +62,23 @@ impl RewardLaw {
     }
 
     /// Terms and rewards of an episode.
-    #[pyo3(signature = (planned, achieved, grasping, *, terminal=true))]
+    #[pyo3(signature = (planned, achieved, grasping, *, further=None, terminal=true))]
     fn rewards<'py>(
         &self,
         py: Python<'py>,
         planned: PoseArrays<'py>,
         achieved: PoseArrays<'py>,
         grasping: &Bound<'py, PyAny>,
+        further: Option<Bound<'py, PyAny>>,
         terminal: bool,
     ) -> PyResult<Terms<'py>> {
         let (planned, achieved) = (PoseViews::new("planned", &planned)?, PoseViews::new("achieved", &achieved)?);
         let grasping = flags("grasping", grasping)?;
+        let further = further.map(|array| view_rows::<f64>("further error", &array, "(T,)", &[])).transpose()?;
+        let further = further.as_ref().map_or(Ok(&[][..]), |array| array.as_slice())?;
         let (planned, achieved) = (planned.poses()?, achieved.poses()?);
         let end = if terminal { EpisodeEnd::Terminated } else { EpisodeEnd::Truncated };
-        let found = py.detach(|| self.0.rewards(planned, achieved, &grasping, end));
+        let found = py.detach(|| self.0.rewards(planned, achieved, &grasping, further, end));
         let Rewards { position, rotation, reward } = found.map_err(|error| to_python(py, &error))?;
         let rotation = rotation.map(|term| term.into_pyarray(py));
         Ok((position.into_pyarray(py), rotation, reward.into_pyarray(py)))

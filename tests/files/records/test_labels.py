@@ -5,7 +5,8 @@ import pytest
 
 from ocplanner.errors import DatasetError
 from ocplanner.files.records.labels import ActionScale, FileIdentity, LabelRecord
-from ocplanner.guidance.settings import LabelSettings, RewardConfig
+from ocplanner.guidance.rewards import RewardConfig
+from ocplanner.guidance.settings import LabelSettings
 from ocplanner.settings import build
 
 RESULTS = Path(__file__).parents[3] / "results" / "policies"
