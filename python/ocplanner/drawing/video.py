@@ -1,9 +1,10 @@
-"""Episodes as mp4 (H.264, 4:2:0, playable from the first byte) with the plan drawn in, and back to frames."""
+"""Videos of episodes (mp4: H.264, 4:2:0, playable from the first byte) with the plan drawn in, and their frames."""
 
-import subprocess
-import tempfile
-from collections.abc import Iterable, Sequence
+import contextlib
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -11,6 +12,16 @@ import numpy as np
 from ocplanner.drawing.overlay import Caption, draw_caption, draw_paths, enlarge
 from ocplanner.errors import InvalidValueError, OutputError, ResultFileError, ShapeError
 from ocplanner.files.storage import atomic_write
+
+# The index comes first, and the same frames give the same bytes.
+_PARAMETERS = "-preset fast -crf 21 -threads 1 -movflags +faststart -fflags +bitexact -f mp4"
+_CODING: dict[str, Any] = {
+    "codec": "libx264",
+    "quality": None,
+    "macro_block_size": 2,
+    "ffmpeg_log_level": "error",
+    "output_params": _PARAMETERS.split(),
+}
 
 
 def write_episode_video(
@@ -70,7 +81,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
     Raises:
         ShapeError: there are no frames, or one has another shape than the first.
         InvalidValueError: ``fps`` is not positive.
-        OutputError: ffmpeg could not write the file.
+        OutputError: ffmpeg could not write the file; it prints its reason to standard error.
     """
     if not fps > 0:
         raise InvalidValueError(f"fps must be positive, found {fps}")
@@ -82,34 +93,31 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
     height, width = first.shape[:2]
     if height % 2 or width % 2:
         raise ShapeError(f"frames of a video need even sides, found {height}x{width}")
-    with atomic_write(path) as partial, tempfile.TemporaryFile() as log:
-        command = _encoder(width, height, fps, partial)
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log) as process:
-            try:
-                _feed(process, first, iterator, repeats=round(hold_seconds * fps))
-            except BaseException:
-                process.kill()
-                raise
-        if process.returncode:
-            log.seek(0)
-            reason = log.read().decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
-            raise OutputError(f"cannot write {path}: ffmpeg says {reason[0]!r}")
+    with atomic_write(path) as partial:
+        encoder = imageio_ffmpeg.write_frames(partial, (width, height), **{**_CODING, "fps": fps})
+        count = 0
+        with contextlib.closing(encoder):
+            encoder.send(None)
+            for frame in _held(first, iterator, round(hold_seconds * fps)):
+                data = _bytes(frame, first.shape)
+                count += 1
+                try:
+                    encoder.send(data)
+                except OSError:  # ffmpeg has ended; the count tells
+                    break
+        if _count(partial) != count:  # imageio-ffmpeg does not look at the exit status
+            raise OutputError(
+                f"cannot write {path}: ffmpeg failed and printed why; check the folder and run the same command again"
+            )
     return path
 
 
-def _feed(process: "subprocess.Popen[bytes]", first: np.ndarray, rest: Iterable[np.ndarray], *, repeats: int) -> None:
-    if process.stdin is None:  # Popen was asked for a pipe
-        return
-    try:
-        frame = first
-        process.stdin.write(_bytes(first, first.shape))
-        for frame in rest:
-            process.stdin.write(_bytes(frame, first.shape))
-        for _ in range(repeats):
-            process.stdin.write(_bytes(frame, first.shape))
-        process.stdin.close()
-    except BrokenPipeError:
-        process.wait()
+def _held(first: np.ndarray, rest: Iterable[np.ndarray], repeats: int) -> Iterator[np.ndarray]:
+    """All frames, and the last one so many times more."""
+    frame = first
+    for frame in itertools.chain([first], rest):
+        yield frame
+    yield from itertools.repeat(frame, repeats)
 
 
 def _bytes(frame: np.ndarray, shape: tuple[int, ...]) -> bytes:
@@ -118,12 +126,12 @@ def _bytes(frame: np.ndarray, shape: tuple[int, ...]) -> bytes:
     return np.ascontiguousarray(frame).tobytes()
 
 
-def _encoder(width: int, height: int, fps: float, path: Path) -> list[str]:
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
-    coding = ["-an", "-c:v", "libx264", "-preset", "fast", "-crf", "21", "-pix_fmt", "yuv420p", "-threads", "1"]
-    target = ["-movflags", "+faststart", "-fflags", "+bitexact", "-f", "mp4", str(path)]
-    quiet = ["-hide_banner", "-loglevel", "error", "-nostdin", "-y"]
-    return [imageio_ffmpeg.get_ffmpeg_exe(), *quiet, *source, *coding, *target]
+def _count(path: Path) -> int:
+    """How many frames can be decoded."""
+    try:
+        return imageio_ffmpeg.count_frames_and_secs(path)[0] or 0
+    except RuntimeError:
+        return 0
 
 
 def read_video(path: str | Path) -> np.ndarray:
@@ -135,13 +143,12 @@ def read_video(path: str | Path) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         raise ResultFileError(f"no video at {path}")
-    source = ["-hide_banner", "-loglevel", "error", "-nostdin", "-i", str(path)]
-    target = ["-f", "image2pipe", "-c:v", "ppm", "-"]
-    done = subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *source, *target], capture_output=True)
-    if done.returncode or not done.stdout:
-        reason = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["it holds no frames"]
-        raise ResultFileError(f"cannot decode {path}: {reason[0]}")
-    header = b"\n".join(done.stdout.split(b"\n", 3)[:3]) + b"\n"  # P6, width and height, 255: the same for each frame
-    width, height = (int(side) for side in header.split()[1:3])
-    images = np.frombuffer(done.stdout, dtype=np.uint8).reshape(-1, len(header) + height * width * 3)
-    return images[:, len(header) :].reshape(-1, height, width, 3)
+    decoder: Iterator[Any] = imageio_ffmpeg.read_frames(path)
+    try:
+        width, height = next(decoder)["size"]
+        frames = b"".join(decoder)
+    except (OSError, RuntimeError, KeyError) as error:
+        raise ResultFileError(f"cannot decode {path}: {str(error).splitlines()[-1]}") from error
+    if not frames:
+        raise ResultFileError(f"cannot decode {path}: it holds no frames")
+    return np.frombuffer(frames, dtype=np.uint8).reshape(-1, height, width, 3)
