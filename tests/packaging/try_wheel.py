@@ -1,7 +1,7 @@
 """Install a wheel into an empty environment outside the source tree and run the README's Python example there.
 
-``python tests/packaging/try_wheel.py WHEEL [--oldest]``. The example's planner is a committed one,
-its data set a tiny one, and two episodes take the place of fifty; nothing else in it is changed.
+``python tests/packaging/try_wheel.py WHEEL [--oldest]``. The example runs with a committed planner, a tiny data set and
+two episodes in place of fifty; nothing else in it is changed. Then the wheel is tried without its simulator.
 """
 
 import argparse
@@ -12,6 +12,8 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+
+from robot_computer import plan_and_act
 
 ROOT = Path(__file__).parents[2]
 PLANNER = ROOT / "results" / "planners" / "square_masked_h20_pose_0.safetensors"
@@ -82,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         script.write_text(example((ROOT / "README.md").read_text(encoding="utf-8"), data), encoding="utf-8")
         run(python, script)
         run(python.with_name("ocplanner"), "info", data)
+        sys.stdout.write(plan_and_act(Path(folder, "robot"), options.wheel.resolve()))
 
 
 if __name__ == "__main__":
