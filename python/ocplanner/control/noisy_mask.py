@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from ocplanner.envs.visuals import MASK_RGB
-from ocplanner.errors import InvalidValueError, MismatchError
+from ocplanner.errors import MismatchError
+from ocplanner.settings import require
 
 KINDS = ("shift", "dilate", "erode")
 
@@ -39,8 +40,7 @@ class NoisyMask:
     """
 
     def __init__(self, pixels: int, seed: int) -> None:
-        if pixels < 0:
-            raise InvalidValueError(f"mask error is {pixels} pixels, but cannot be negative")
+        require(pixels >= 0, f"mask error is {pixels} pixels, but cannot be negative")
         rng = np.random.default_rng([pixels, seed])
         self.pixels = pixels
         self.kind = str(rng.choice(KINDS))

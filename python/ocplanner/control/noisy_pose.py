@@ -9,9 +9,9 @@ import numpy as np
 
 from ocplanner.control.arm import CellArm, WorkCell
 from ocplanner.envs.robots import RobotSpec
-from ocplanner.errors import InvalidValueError
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import rotation_exp
+from ocplanner.settings import require
 
 _STREAM = 0x705E
 """Keeps the draws apart from those that the episode's seed makes elsewhere."""
@@ -35,10 +35,10 @@ class PoseError:
     def __post_init__(self) -> None:
         """Check the values."""
         for name, value in (("position", self.position_mm), ("rotation", self.rotation_deg)):
-            if not (isfinite(value) and value >= 0):
-                raise InvalidValueError(f"the pose noise in {name} is {value}, but must be finite and not negative")
-        if self.latency_steps < 0:
-            raise InvalidValueError(f"the pose latency is {self.latency_steps} steps, but must not be negative")
+            right = isfinite(value) and value >= 0
+            require(right, f"the pose noise in {name} is {value}, but must be finite and not negative")
+        late = self.latency_steps
+        require(late >= 0, f"the pose latency is {late} steps, but must not be negative")
 
     def disturb(self, pose: Pose, rng: np.random.Generator) -> Pose:
         """A pose with the noise of one estimate."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ocplanner.control.arm import Reading, WorkCell
 from ocplanner.control.arm_program import HorizonReached
-from ocplanner.control.executor import Executor, PlanSource
+from ocplanner.control.executor import UNPLANNED_PHASES, Executor, PlanSource
 from ocplanner.control.noisy_pose import NoisyPoseCell, PoseError
 from ocplanner.control.pose_filter import FilteredArm
 from ocplanner.control.settings import ControlSettings
@@ -18,7 +18,6 @@ from ocplanner.geometry.rotation import angle_between
 
 _SLIPPED = 0.8  # rad: an object that has turned farther in the grip has slipped
 _AT_THE_GOAL = 0.03  # m: an object that is nearer to where the plans end was only not let go of
-_UNPLANNED = ("grasp", "release", "recover", "go")  # phases in which no plan is followed
 _STUCK, _STUCK_STEPS = 0.03, 60  # m: an object that stayed within this horizontally over the last steps is stuck
 
 
@@ -37,7 +36,7 @@ class Trace:
         plans, followed, current = dict(self.plans), [], None
         for step, phase in enumerate(self.phases):
             current = plans.get(step, current)
-            followed.append(None if phase in _UNPLANNED else current)
+            followed.append(None if phase in UNPLANNED_PHASES else current)
         return followed
 
 
