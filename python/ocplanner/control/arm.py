@@ -25,7 +25,25 @@ class Reading(NamedTuple):
         return self.object.rotation.T @ (self.eef.position - self.object.position)
 
 
-class Arm(Protocol):
+class ArmSensors(Protocol):
+    """What an arm knows of itself: its joints and its fingers."""
+
+    def eef_pose(self) -> Pose:
+        """Pose of the end-effector site, midway between the finger tips, world frame."""
+        ...
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        """(3, 3) rotation, frame of the action's deltas -> world; on some arms it turns with the arm."""
+        ...
+
+    @property
+    def gripper_opening(self) -> float:
+        """Gap between the finger pads, metres."""
+        ...
+
+
+class Arm(ArmSensors, Protocol):
     """One arm with one object: what a program senses and acts through. Nothing here is privileged.
 
     :class:`ocplanner.envs.ManipulationEnv` is one, and so is
@@ -37,20 +55,6 @@ class Arm(Protocol):
 
     def object_pose(self) -> Pose:
         """Pose of the object, world frame, metres."""
-        ...
-
-    def eef_pose(self) -> Pose:
-        """Pose of the end-effector site, midway between the finger tips, world frame."""
-        ...
-
-    @property
-    def base_rotation(self) -> np.ndarray:
-        """(3, 3) rotation, frame of the action's deltas -> world."""
-        ...
-
-    @property
-    def gripper_opening(self) -> float:
-        """Gap between the finger pads, metres."""
         ...
 
 
@@ -75,26 +79,12 @@ class Reachability(Protocol):
         ...
 
 
-class CellArm(Protocol):
-    """One arm of a work cell: its own joints and fingers, sensed exactly."""
-
-    def eef_pose(self) -> Pose:
-        """Pose of the end-effector site, midway between the finger tips, world frame."""
-        ...
-
-    @property
-    def base_rotation(self) -> np.ndarray:
-        """(3, 3) rotation, frame of the action's deltas -> world; on some arms it turns with the arm."""
-        ...
-
-    @property
-    def gripper_opening(self) -> float:
-        """Gap between the finger pads, metres."""
-        ...
+class CellArm(ArmSensors, Protocol):
+    """One arm of a work cell."""
 
     @property
     def reach(self) -> Reachability:
-        """Where this arm gets to."""
+        """Where it gets to."""
         ...
 
 

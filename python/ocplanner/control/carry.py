@@ -39,16 +39,12 @@ class Motion:
         self.moved, self.still, self.top = 0.0, 0, float(start.position[2])
         self._stuck, self._lever, self._previous = stuck, lever, start
 
-    def see(self, here: Pose) -> None:
-        """Note how high the object is."""
-        self.top = max(self.top, float(here.position[2]))
-
     def step(self, here: Pose) -> None:
         """Note where the object is one control step later."""
         self.moved = motion(self._previous, here, self._lever)
         self.still = self.still + 1 if self.moved < self._stuck else 0
+        self.top = max(self.top, float(here.position[2]))
         self._previous = here
-        self.see(here)
 
 
 @dataclass

@@ -95,11 +95,11 @@ class Follower:
         if rotations is not None:
             rotations = carry.symmetry.turn(positions, rotations, now)
         end = carry.course.set_plan(np.ascontiguousarray(positions), rotations, now.object)
-        carry.motion.see(now.object)
         carry.ends.add(end)
         if self._role.gives:
             return
-        if carry.is_lifted(now.object) and end.position[2] < carry.motion.top - carry.rule.lowering:
+        top = max(carry.motion.top, float(now.object.position[2]))
+        if carry.is_lifted(now.object) and end.position[2] < top - carry.rule.lowering:
             carry.ends.add_goal(end)
         elif not isinstance(self._phase, Lower):
             carry.ends.forget_goal()
