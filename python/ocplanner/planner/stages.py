@@ -5,7 +5,7 @@ All random numbers of a step come from a generator seeded by (seed, stage, step)
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -18,7 +18,6 @@ from ocplanner.planner.metrics import PlanErrors, plan_errors
 from ocplanner.planner.network import Normaliser, PlannerNetwork
 from ocplanner.planner.predictor import latent_distance, winner_takes_all
 from ocplanner.planner.vae import Latent, kl_to_prior, trajectory_loss
-from ocplanner.training.schedule import StageConfig
 
 _CHUNK = 256
 
@@ -79,30 +78,6 @@ class Material:
                 total += float(loss(self.clean_images(self.valid, rows), rows)) * len(rows)
         errors = self.errors(self.plan(self.valid), self.valid)
         return {"valid_loss": total / len(self.valid), **errors.as_row()}
-
-
-class Stage(Protocol):
-    """One stage; its ``name`` is the key in ``metrics.jsonl`` and TensorBoard."""
-
-    name: ClassVar[str]
-
-    @property
-    def config(self) -> StageConfig:
-        """Steps, batch size, learning rate."""
-        ...
-
-    @property
-    def module(self) -> nn.Module:
-        """The part of the network that is trained."""
-        ...
-
-    def loss(self, rows: np.ndarray, rng: np.random.Generator) -> Tensor:
-        """Training loss of some frames."""
-        ...
-
-    def validate(self) -> dict[str, float]:
-        """``valid_loss`` and plan errors on the held-out demonstrations."""
-        ...
 
 
 class VaeStage:
@@ -199,11 +174,10 @@ class FinetuneStage:
         return self.material.validate_plans(lambda images, rows: self._loss(images, targets[rows]))
 
 
-STAGES: tuple[type[VaeStage] | type[PredictorStage] | type[FinetuneStage], ...] = (
-    VaeStage,
-    PredictorStage,
-    FinetuneStage,
-)
+Stage = VaeStage | PredictorStage | FinetuneStage
+"""A stage; its ``name`` is its key in ``metrics.jsonl`` and TensorBoard, its ``module`` the part that is trained."""
+
+STAGES: tuple[type[Stage], ...] = (VaeStage, PredictorStage, FinetuneStage)
 
 
 def chunks(count: int) -> list[np.ndarray]:
