@@ -55,10 +55,10 @@ def quat_xyzw_from_rotation(rotation: _F64) -> _F64:
     """(..., 3, 3) rotations -> (..., 4) unit quaternions x, y, z, w with w >= 0."""
 
 def rotation_from_quat_wxyz(quat_wxyz: _F64) -> _F64:
-    """As :func:`rotation_from_quat_xyzw`, for quaternions w, x, y, z."""
+    """As :func:`rotation_from_quat_xyzw`, for quaternions in MuJoCo's order w, x, y, z."""
 
 def quat_wxyz_from_rotation(rotation: _F64) -> _F64:
-    """As :func:`quat_xyzw_from_rotation`, in the order w, x, y, z."""
+    """As :func:`quat_xyzw_from_rotation`, in MuJoCo's order w, x, y, z."""
 
 def rotation_log(rotation: _F64) -> _F64:
     """(..., 3, 3) rotations -> (..., 3) rotation vectors, axis times angle in [0, pi] rad."""

@@ -143,7 +143,7 @@ pub fn follow_of(py: Python<'_>, name: &str, gate_position: f64, gate_rotation: 
 /// Actions for one environment or for many: all arguments have the same axes before a pose's own.
 #[pyfunction]
 #[pyo3(signature = (pose_object, pose_target, pose_eef, rotation_world_base, law=None))]
-fn delta_pose_action<'py>(
+pub fn delta_pose_action<'py>(
     pose_object: PoseArrays<'py>,
     pose_target: PoseArrays<'py>,
     pose_eef: PoseArrays<'py>,
@@ -164,7 +164,7 @@ fn delta_pose_action<'py>(
 
 /// Follows one plan at a time.
 #[pyclass(module = "ocplanner._core")]
-struct DeltaPoseController(core::DeltaPoseController);
+pub struct DeltaPoseController(core::DeltaPoseController);
 
 #[pymethods]
 impl DeltaPoseController {
@@ -228,11 +228,4 @@ fn one(py: Python<'_>, object: &PoseArrays<'_>) -> PyResult<Pose> {
     let object = poses("object", object)?;
     object.expect(py, "object", &[])?;
     Ok(object.rows[0])
-}
-
-/// Adds this file's functions and classes to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<DeltaPoseLaw>()?;
-    module.add_class::<DeltaPoseController>()?;
-    module.add_function(wrap_pyfunction!(delta_pose_action, module)?)
 }

@@ -13,7 +13,7 @@ use crate::error::{shape_error, to_python};
 
 /// Follows one plan in each of many environments.
 #[pyclass(module = "ocplanner._core")]
-struct DeltaPoseBatch(core::DeltaPoseBatch);
+pub struct DeltaPoseBatch(core::DeltaPoseBatch);
 
 #[pymethods]
 impl DeltaPoseBatch {
@@ -83,9 +83,4 @@ impl DeltaPoseBatch {
         objects.expect(py, "object", &[self.0.controllers().len()])?;
         Ok(objects.rows)
     }
-}
-
-/// Adds this file's class to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<DeltaPoseBatch>()
 }

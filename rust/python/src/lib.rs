@@ -3,8 +3,6 @@
 //! A binding converts its arguments, releases the GIL, calls one function of the core, and converts the result. Besides
 //! the bindings there are `arrays` and `arguments`, which read arguments, and `mujoco`, which drives the simulator.
 
-use pyo3::prelude::*;
-
 mod arguments;
 mod arrays;
 mod delta_pose;
@@ -16,17 +14,21 @@ mod planner;
 mod pose;
 mod reward;
 
-#[pymodule]
+#[pyo3::pymodule]
 mod _core {
-    use super::*;
-
-    #[pymodule_init]
-    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        pose::register(module)?;
-        planner::register(module)?;
-        delta_pose::register(module)?;
-        delta_pose_batch::register(module)?;
-        reward::register(module)?;
-        osc::register(module)
-    }
+    #[pymodule_export]
+    use crate::delta_pose::{DeltaPoseController, DeltaPoseLaw, delta_pose_action};
+    #[pymodule_export]
+    use crate::delta_pose_batch::DeltaPoseBatch;
+    #[pymodule_export]
+    use crate::osc::ControlLoop;
+    #[pymodule_export]
+    use crate::planner::{PlannerEngine, simd_level};
+    #[pymodule_export]
+    use crate::pose::{
+        geodesic_angle, quat_wxyz_from_rotation, quat_xyzw_from_rotation, rotation_exp, rotation_from_6d,
+        rotation_from_quat_wxyz, rotation_from_quat_xyzw, rotation_log, rotation_to_6d,
+    };
+    #[pymodule_export]
+    use crate::reward::RewardLaw;
 }

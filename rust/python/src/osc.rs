@@ -11,11 +11,6 @@ use crate::arrays::view;
 use crate::error::{named, shape_error, to_python};
 use arm::{ControlledArm, MAX_GRIPPER_ACTUATORS, Wiring};
 
-/// Adds this file's class to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<ControlLoop>()
-}
-
 /// What [`ControlLoop::measured`] returns.
 type Measured<'py> = (
     Bound<'py, PyArray1<f64>>,

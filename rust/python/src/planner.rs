@@ -12,7 +12,7 @@ use crate::error::{shape_error, to_python, unknown_name};
 
 /// The engine behind `ocplanner.Planner`.
 #[pyclass(frozen, module = "ocplanner._core")]
-struct PlannerEngine(core::Planner);
+pub struct PlannerEngine(core::Planner);
 
 type Arrays<'py> = (Bound<'py, PyArrayDyn<f64>>, Option<Bound<'py, PyArrayDyn<f64>>>, Bound<'py, PyArrayDyn<f64>>);
 
@@ -118,12 +118,6 @@ fn slices<'a>(views: &'a Views<'_>) -> PyResult<Vec<&'a [u8]>> {
 
 /// Name of the instruction set that the engine uses: "avx512", "avx2" or "portable".
 #[pyfunction]
-fn simd_level() -> &'static str {
+pub fn simd_level() -> &'static str {
     Level::detect().name()
-}
-
-/// Adds this file's functions and classes to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<PlannerEngine>()?;
-    module.add_function(wrap_pyfunction!(simd_level, module)?)
 }

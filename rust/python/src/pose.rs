@@ -49,19 +49,19 @@ fn flat(matrix: Matrix3) -> [f64; 9] {
 
 /// (..., 6) float64 columns a1, a2 -> (..., 3, 3) rotations.
 #[pyfunction]
-fn rotation_from_6d<'py>(rot6d: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_from_6d<'py>(rot6d: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(rot6d, "rot6d", ROT6D, &[3, 3], |row| core::rotation_from_6d(&std::array::from_fn(|i| row[i])).map(flat))
 }
 
 /// (..., 3, 3) float64 rotations -> (..., 6), their first two columns.
 #[pyfunction]
-fn rotation_to_6d<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_to_6d<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(rotation, "rotation", MATRIX, &[6], |row| Ok(core::rotation_to_6d(&matrix(row))))
 }
 
 /// (..., 4) float64 quaternions x, y, z, w -> (..., 3, 3) rotations.
 #[pyfunction]
-fn rotation_from_quat_xyzw<'py>(quat_xyzw: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_from_quat_xyzw<'py>(quat_xyzw: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(quat_xyzw, "quat_xyzw", QUAT, &[3, 3], |row| {
         core::rotation_from_quat_xyzw(&std::array::from_fn(|i| row[i])).map(flat)
     })
@@ -69,13 +69,13 @@ fn rotation_from_quat_xyzw<'py>(quat_xyzw: &Bound<'py, PyAny>) -> PyResult<Outpu
 
 /// (..., 3, 3) float64 rotations -> (..., 4) unit quaternions x, y, z, w with w >= 0.
 #[pyfunction]
-fn quat_xyzw_from_rotation<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn quat_xyzw_from_rotation<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(rotation, "rotation", MATRIX, &[4], |row| core::quat_xyzw_from_rotation(&matrix(row)))
 }
 
 /// (..., 4) float64 quaternions w, x, y, z -> (..., 3, 3) rotations.
 #[pyfunction]
-fn rotation_from_quat_wxyz<'py>(quat_wxyz: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_from_quat_wxyz<'py>(quat_wxyz: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(quat_wxyz, "quat_wxyz", QUAT, &[3, 3], |row| {
         core::rotation_from_quat_xyzw(&[row[1], row[2], row[3], row[0]]).map(flat)
     })
@@ -83,7 +83,7 @@ fn rotation_from_quat_wxyz<'py>(quat_wxyz: &Bound<'py, PyAny>) -> PyResult<Outpu
 
 /// (..., 3, 3) float64 rotations -> (..., 4) unit quaternions w, x, y, z with w >= 0.
 #[pyfunction]
-fn quat_wxyz_from_rotation<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn quat_wxyz_from_rotation<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(rotation, "rotation", MATRIX, &[4], |row| {
         core::quat_xyzw_from_rotation(&matrix(row)).map(|[x, y, z, w]| [w, x, y, z])
     })
@@ -91,19 +91,19 @@ fn quat_wxyz_from_rotation<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output
 
 /// (..., 3, 3) float64 rotations -> (..., 3) rotation vectors of length [0, pi].
 #[pyfunction]
-fn rotation_log<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_log<'py>(rotation: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(rotation, "rotation", MATRIX, &[3], |row| core::rotation_log(&matrix(row)))
 }
 
 /// (..., 3) float64 rotation vectors -> (..., 3, 3) rotations.
 #[pyfunction]
-fn rotation_exp<'py>(vector: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn rotation_exp<'py>(vector: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     map_rows(vector, "vector", VECTOR, &[3, 3], |row| core::rotation_exp(&[row[0], row[1], row[2]]).map(flat))
 }
 
 /// Geodesic angles in [0, pi] between two arrays of rotations of the same shape (..., 3, 3) float64.
 #[pyfunction]
-fn geodesic_angle<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
+pub fn geodesic_angle<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Output<'py>> {
     let py = a.py();
     let first = view::<f64>("a", a, MATRIX.0, MATRIX.1)?;
     let second = view::<f64>("b", b, MATRIX.0, MATRIX.1)?;
@@ -118,17 +118,4 @@ fn geodesic_angle<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult
     };
     let angles = py.detach(compute).map_err(|error| to_python(py, &error))?;
     output(py, angles, &first.shape()[..first.shape().len() - 2], &[])
-}
-
-/// Adds this file's functions to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(rotation_from_6d, module)?)?;
-    module.add_function(wrap_pyfunction!(rotation_to_6d, module)?)?;
-    module.add_function(wrap_pyfunction!(rotation_from_quat_xyzw, module)?)?;
-    module.add_function(wrap_pyfunction!(quat_xyzw_from_rotation, module)?)?;
-    module.add_function(wrap_pyfunction!(rotation_from_quat_wxyz, module)?)?;
-    module.add_function(wrap_pyfunction!(quat_wxyz_from_rotation, module)?)?;
-    module.add_function(wrap_pyfunction!(rotation_log, module)?)?;
-    module.add_function(wrap_pyfunction!(rotation_exp, module)?)?;
-    module.add_function(wrap_pyfunction!(geodesic_angle, module)?)
 }

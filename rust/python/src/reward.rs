@@ -36,7 +36,7 @@ impl<'py> PoseViews<'py> {
 
 /// Weights and form of the reward; the stub gives the units.
 #[pyclass(frozen, module = "ocplanner._core")]
-struct RewardLaw(core::RewardLaw);
+pub struct RewardLaw(core::RewardLaw);
 
 #[pymethods]
 impl RewardLaw {
@@ -83,9 +83,4 @@ impl RewardLaw {
         let rotation = rotation.map(|term| term.into_pyarray(py));
         Ok((position.into_pyarray(py), rotation, reward.into_pyarray(py)))
     }
-}
-
-/// Adds this file's class to the module.
-pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_class::<RewardLaw>()
 }

@@ -119,22 +119,11 @@ impl Winograd {
 
     fn transform_inputs(&self, start: usize, count: usize, images: &[f32], transformed: &mut [f32]) {
         let map = &self.input;
-        let side = self.scheme.outputs();
-        let inset = map.border - 1;
-        let tiles = Tiles {
-            scheme: self.scheme,
-            rows: self.output.height.div_ceil(side),
-            columns: self.output.width.div_ceil(side),
-            channels: map.channels,
-            height: map.height + 2,
-            width: map.width + 2,
-            row_stride: map.row_stride(),
-            position_stride: stride(count * tiles(self.scheme, &self.output), map.channels),
-        };
+        let tiles = self.tiles_of(map, 1, count);
+        let corner = (map.border - 1) * (map.row_stride() + map.channels);
         let per_image = tiles.rows * tiles.columns * tiles.channels;
         for (index, image) in images.chunks_exact(map.len()).skip(start).take(count).enumerate() {
-            let corner = &image[inset * (map.row_stride() + map.channels)..];
-            transform_input(self.level, tiles, corner, &mut transformed[index * per_image..]);
+            transform_input(self.level, tiles, &image[corner..], &mut transformed[index * per_image..]);
         }
     }
 
@@ -147,21 +136,27 @@ impl Winograd {
         epilogue: Epilogue,
     ) {
         let map = &self.output;
-        let side = self.scheme.outputs();
-        let tiles = Tiles {
-            scheme: self.scheme,
-            rows: map.height.div_ceil(side),
-            columns: map.width.div_ceil(side),
-            channels: map.channels,
-            height: map.height,
-            width: map.width,
-            row_stride: map.row_stride(),
-            position_stride: stride(count * tiles(self.scheme, map), map.channels),
-        };
+        let tiles = self.tiles_of(map, 0, count);
+        let corner = map.inside();
         let per_image = tiles.rows * tiles.columns * tiles.channels;
         for (index, image) in images.chunks_exact_mut(map.len()).skip(start).take(count).enumerate() {
-            let corner = &mut image[map.inside()..];
-            transform_output(self.level, tiles, &transformed[index * per_image..], corner, &self.bias, epilogue);
+            let transformed = &transformed[index * per_image..];
+            transform_output(self.level, tiles, transformed, &mut image[corner..], &self.bias, epilogue);
+        }
+    }
+
+    /// The tiles of each map in a block of `count`, including `margin` pixels of the map's border.
+    fn tiles_of(&self, map: &ActivationMap, margin: usize, count: usize) -> Tiles {
+        let side = self.scheme.outputs();
+        Tiles {
+            scheme: self.scheme,
+            rows: self.output.height.div_ceil(side),
+            columns: self.output.width.div_ceil(side),
+            channels: map.channels,
+            height: map.height + 2 * margin,
+            width: map.width + 2 * margin,
+            row_stride: map.row_stride(),
+            position_stride: stride(count * tiles(self.scheme, &self.output), map.channels),
         }
     }
 }
