@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ocplanner import _core
-from ocplanner.collection.attempts import demonstrate, fail
+from ocplanner.collection.attempts import attempt
 from ocplanner.control.arm import CLOSE
 from ocplanner.control.arm_program import ArmProgram, HorizonReached
 from ocplanner.control.grasp import take_hold
@@ -110,17 +110,17 @@ def _ignored(_: np.ndarray) -> None:
 
 def expert(arm: Any, seed: int) -> None:
     """The scripted expert."""
-    demonstrate(arm, seed, _ignored)
+    attempt(arm, seed, _ignored)
 
 
 def released_early(arm: Any, seed: int) -> None:
     """The expert, whose hand opens on the way."""
-    fail(arm, seed, "early-release", _ignored)
+    attempt(arm, seed, _ignored, flaw="early-release")
 
 
 def beside_the_peg(arm: Any, seed: int) -> None:
     """The expert, who takes the peg to be 5 to 12 cm nearer than it is."""
-    fail(arm, seed, "misjudged-goal", _ignored)
+    attempt(arm, seed, _ignored, flaw="misjudged-goal")
 
 
 def aimless(arm: Any, seed: int) -> None:

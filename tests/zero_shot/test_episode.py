@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ocplanner.collection.attempts import demonstrate
+from ocplanner.collection.attempts import attempt
 from ocplanner.control.settings import ControlSettings
 from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
 from ocplanner.demos.segments import manipulation_segment
@@ -115,7 +115,7 @@ def replays(env, seed: int) -> dict[str, Replay]:
         for name, known in poses.items():
             known.append(env.object_pose(name))
 
-    assert demonstrate(env, seed, note, noise=0.0)
+    assert attempt(env, seed, note, noise=0.0)
     found = {}
     for part in (part for spec in env.task.objects for part in spec.parts):
         known = poses[object_of(part)]

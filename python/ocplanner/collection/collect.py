@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocplanner.collection.attempts import demonstrate, fail
+from ocplanner.collection.attempts import attempt
 from ocplanner.collection.experts import expert_of
 from ocplanner.collection.settings import SEEDS_EACH, CollectSettings, Flaw
 from ocplanner.demos.writer import DatasetWriter
@@ -76,30 +76,29 @@ def collect(
     first, episodes = settings.first_seed, settings.episodes
     with DatasetWriter(path, _env_args(make), data_attrs=_attributes(settings), overwrite=overwrite) as writer:
         succeeded = {int(name.removeprefix("demo_")) for name in writer.done}
-        for attempt in sorted(succeeded):
+        for number in sorted(succeeded):
             if progress:
-                progress(f"demo_{attempt}", True)
+                progress(f"demo_{number}", True)
         failures: set[int] = set()
-        while len(succeeded) < episodes or not _settled(succeeded, failures, episodes):
-            left = _next_attempts(succeeded, failures, episodes)
-            if not left:
-                raise DatasetError(
-                    f"only {len(succeeded)} of {SEEDS_EACH} attempts succeeded with {settings.robot}; the expert is "
-                    "made for the Panda: record with that arm, or ask for fewer episodes"
-                )
-            for seed, arrays in run_episodes(make, attempt_with, [first + attempt for attempt in left], workers):
-                attempt = seed - first
+        while left := _next_attempts(succeeded, failures, episodes):
+            for seed, arrays in run_episodes(make, attempt_with, [first + number for number in left], workers):
+                number = seed - first
                 if arrays is None:
-                    failures.add(attempt)
+                    failures.add(number)
                 else:
-                    writer.add(f"demo_{attempt}", arrays, {"seed": seed})
-                    succeeded.add(attempt)
+                    writer.add(f"demo_{number}", arrays, {"seed": seed})
+                    succeeded.add(number)
                 if progress:
-                    progress(f"demo_{attempt}", arrays is not None)
+                    progress(f"demo_{number}", arrays is not None)
+        if len(succeeded) < episodes:
+            raise DatasetError(
+                f"only {len(succeeded)} of {SEEDS_EACH} attempts succeeded with {settings.robot}; the expert is made "
+                "for the Panda: record with that arm, or ask for fewer episodes"
+            )
         kept = sorted(succeeded)[:episodes]
-        names = [f"demo_{attempt}" for attempt in kept]
+        names = [f"demo_{number}" for number in kept]
         writer.finish(_masks(names, settings.seed), names)
-        return Collected(Path(path), len(names), sum(attempt < kept[-1] for attempt in failures))
+        return Collected(Path(path), len(names), sum(number < kept[-1] for number in failures))
 
 
 def record(
@@ -115,8 +114,7 @@ def record(
         rows["states"].append(np.array(env.sim.get_state().flatten()))
         rows["actions"].append(action.copy())
 
-    solved = demonstrate(env, seed, note, noise=noise) if flaw is None else fail(env, seed, flaw, note, noise=noise)
-    if solved != (flaw is None):
+    if attempt(env, seed, note, flaw=flaw, noise=noise) != (flaw is None):
         return None
     successes.append(env.success())
     for state in rows["states"]:
@@ -148,17 +146,10 @@ def _observe(env: ManipulationEnv, state: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _next_attempts(succeeded: set[int], failures: set[int], episodes: int) -> list[int]:
-    """The lowest attempts not yet made that can complete the set."""
-    done = succeeded | failures
+    """The lowest attempts not yet made that can complete the set; none when all before the last kept one are made."""
     missing = max(0, episodes - len(succeeded))
-    fresh = [attempt for attempt in range(SEEDS_EACH) if attempt not in done]
-    last = sorted(succeeded)[episodes - 1] if len(succeeded) >= episodes else SEEDS_EACH
-    return [attempt for attempt in fresh if attempt < last][: missing or None]
-
-
-def _settled(succeeded: set[int], failures: set[int], episodes: int) -> bool:
-    """Whether all attempts before the last kept one have been made."""
-    return not _next_attempts(succeeded, failures, episodes)
+    last = SEEDS_EACH if missing else sorted(succeeded)[episodes - 1]
+    return [number for number in range(last) if number not in succeeded | failures][: missing or None]
 
 
 def _masks(names: list[str], seed: int) -> dict[str, list[str]]:

@@ -13,7 +13,7 @@ from ocplanner.settings import build, require, require_choice
 from ocplanner.versions import installed
 
 Flaw = Literal["early-release", "misjudged-goal"]
-"""How an expert fails, see :func:`ocplanner.collection.attempts.fail`."""
+"""How an expert fails, see :func:`ocplanner.collection.attempts.attempt`."""
 
 FrameChoice = Literal["all", "manipulation"]
 

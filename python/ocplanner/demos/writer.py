@@ -28,7 +28,9 @@ _BIG_FROM_DIMS = 3  # arrays with so many dimensions hold images: one chunk a fr
 
 
 class DatasetWriter:
-    """Collects demonstrations into one robomimic file; a context manager that can be interrupted and resumed.
+    """Collects demonstrations into one robomimic file; a context manager that can be interrupted.
+
+    A writer continues from the parts of an interrupted one with the same ``env_args`` and ``data_attrs``.
 
     >>> with DatasetWriter(path, env_args) as writer:                                    # doctest: +SKIP
     ...     for demo in demos:
@@ -40,8 +42,6 @@ class DatasetWriter:
         path: the file to make; :meth:`finish` makes it.
         env_args: robomimic's description of the environment.
         data_attrs: further attributes of ``data`` (``ocplanner_render``, ...): text and numbers.
-        resume: continue from the parts of an interrupted writer with the same ``env_args`` and ``data_attrs``; if
-            False, discard them.
         overwrite: replace an existing file at ``path``.
         durable: whether each demonstration survives a power cut, not only a kill. If False, a part that a power cut
             damaged is reported when the writer resumes; the finished file is safe in both cases.
@@ -57,7 +57,6 @@ class DatasetWriter:
         env_args: Mapping[str, Any],
         *,
         data_attrs: Mapping[str, Any] | None = None,
-        resume: bool = True,
         overwrite: bool = False,
         durable: bool = True,
     ) -> None:
@@ -74,7 +73,7 @@ class DatasetWriter:
                     f"{self.path} exists already; choose another output, or allow overwriting (--overwrite; "
                     "overwrite=True)"
                 )
-            self._open_parts(resume)
+            self._open_parts()
             self._resources.callback(self._discard_nothing)
         except BaseException:
             self._resources.close()
@@ -202,9 +201,9 @@ class DatasetWriter:
             return made == self._header() and isinstance(data, h5py.Group) and {*self.done} <= {*data}
         return False
 
-    def _open_parts(self, resume: bool) -> None:
+    def _open_parts(self) -> None:
         header = self.parts / _HEADER
-        if resume and header.exists() and self.done:
+        if header.exists() and self.done:
             found = self._header()
             if found != self._attrs:
                 differing = sorted(key for key in {*found, *self._attrs} if found.get(key) != self._attrs.get(key))

@@ -14,15 +14,11 @@ _HIDDEN_GROUP = 5
 _VISUAL_GROUP = 1
 
 _open: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
-
-
-def open_renderers() -> list["Renderer"]:
-    """The renderers of this process whose OpenGL contexts are not freed yet."""
-    return list(_open)
+"""The renderers of this process whose OpenGL contexts are not freed yet."""
 
 
 def _close_all() -> None:
-    for renderer in open_renderers():
+    for renderer in list(_open):
         renderer.close()
 
 

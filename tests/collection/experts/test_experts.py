@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ocplanner.collection.attempts import demonstrate
+from ocplanner.collection.attempts import attempt
 from ocplanner.collection.experts import expert_of, experts
 from ocplanner.collection.experts.lift import bowed_path
 from ocplanner.envs.environment import make_env
@@ -33,7 +33,7 @@ def test_variations_differ_with_the_seed_alone(name):
 @pytest.mark.parametrize("name", sorted(experts()))
 def test_solves_its_task(name):
     with make_env(name, cameras=()) as env:
-        solved = [demonstrate(env, seed, lambda action: None) for seed in DEVELOPMENT_SEEDS]
+        solved = [attempt(env, seed, lambda action: None) for seed in DEVELOPMENT_SEEDS]
     assert sum(solved) >= len(solved) - 1
 
 
@@ -43,7 +43,7 @@ def test_noise_is_on_demand():
 
         def widest(seed, noise):
             way = []
-            assert demonstrate(env, seed, lambda action: way.append(env.object_pose().position), noise=noise)
+            assert attempt(env, seed, lambda action: way.append(env.object_pose().position), noise=noise)
             raised = np.array([place for place in way if place[2] > way[0][2] + 0.005])
             return np.abs(raised[:, :2] - raised[0, :2]).max()
 
