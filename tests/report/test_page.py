@@ -153,7 +153,7 @@ def test_policies_have_a_table_curves_and_pictures_of_their_hints(tmp_path, fram
         assert text in page.text
     assert page.text.count("not evaluated") == 1
     assert len(page.all("svg")) == 4
-    assert [attrs["alt"][:13] for attrs in page.all("img")] == ["What a policy"]
+    assert [attrs["alt"][:13] for attrs in page.all("img")] == ["How a policy "]
     assert "Training the planner" not in page.text
     assert "Plans" not in page.text
     identifiers = [attrs["id"] for _, attrs in page.tags if "id" in attrs]

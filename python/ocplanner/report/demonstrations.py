@@ -1,4 +1,4 @@
-"""What demonstrations look like: the object's paths over the scene, and what a planner may see of a robot."""
+"""Pictures of demonstrations: the object's paths over the scene, and one moment in every observation mode."""
 
 from collections.abc import Sequence
 
@@ -17,12 +17,12 @@ from ocplanner.report.overlays import film_strip, show_image
 def paths_figure(
     demos: Demonstrations, names: Sequence[str] | None = None, *, camera: str = "agentview", size: int = 512
 ) -> Figure:
-    """The object's kept path in each demonstration over the scene without the robot, coloured by time.
+    """Draw the object's kept path in each demonstration over the scene without the robot, coloured by time.
 
     Args:
         demos: a data set with states.
-        names: the demonstrations to draw; all when None.
-        camera: that sees them.
+        names: the demonstrations to draw; all if None.
+        camera: name of the camera.
         size: side of the picture, pixels.
 
     Raises:
@@ -56,13 +56,13 @@ def paths_figure(
 def observations_figure(
     demos: Demonstrations, name: str, step: int, *, camera: str = "agentview", size: int = 256
 ) -> Figure:
-    """One recorded moment in each observation mode: what a planner trained in that mode sees.
+    """Draw one recorded moment as planners of each observation mode see it.
 
     Args:
         demos: a data set with states.
-        name: of the demonstration.
-        step: in it.
-        camera: that sees it.
+        name: name of the demonstration.
+        step: its step.
+        camera: name of the camera.
         size: side of each picture, pixels.
 
     Raises:

@@ -16,8 +16,7 @@ from ocplanner.report.sources import Sources
 
 
 def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
-    """Write curves of training and of success, success rates, failure classes and a heat map of tasks and robots as SVG
-    and PNG, and film strips.
+    """Write all charts that the sources give as SVG and PNG, and a film strip of each video.
 
     Raises:
         ResultFileError: a video cannot be decoded.

@@ -1,4 +1,4 @@
-"""Episodes and pictures as data URIs, so that a page needs no other file."""
+"""Episodes and pictures as data URIs, so that a page is one file."""
 
 import base64
 import io
@@ -14,6 +14,7 @@ from PIL import Image
 from ocplanner.drawing.video import read_video
 from ocplanner.errors import ResultFileError
 from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.report.overlays import evenly_spaced
 from ocplanner.zero_shot.result import TransferResult
 
 _TYPES = {".mp4": "video/mp4", ".png": "image/png", ".svg": "image/svg+xml"}
@@ -51,13 +52,12 @@ def embed_video(path: Path, records: Sequence[TransferResult], *, strip: int = 8
         ResultFileError: it is missing or cannot be decoded.
     """
     frames = read_video(path)
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(strip, len(frames))).round().astype(int))
     record, episode = match_episode(path, records)
     return EmbeddedVideo(
         name=path.name,
         uri=embed_file(path),
         poster=embed_image(frames[len(frames) // 2]),
-        strip=tuple(embed_image(frames[i]) for i in chosen),
+        strip=tuple(embed_image(frames[i]) for i in evenly_spaced(len(frames), strip)),
         width=frames.shape[2],
         height=frames.shape[1],
         record=record,
@@ -68,8 +68,8 @@ def embed_video(path: Path, records: Sequence[TransferResult], *, strip: int = 8
 def match_episode(path: Path, records: Sequence[TransferResult]) -> tuple[TransferResult | None, EpisodeResult | None]:
     """The episode that a video shows: its seed is a number in the file's name.
 
-    A result ``a/b.json`` has its videos in ``a/b/``. Elsewhere the result nearest to the file is taken, of several one
-    whose robot and task are named in the path; if several still fit, none.
+    The videos of a result ``a/b.json`` lie in ``a/b/``. A video elsewhere belongs to the nearest result, or, of several
+    equally near, to the one whose robot and task stand in the path. If several still fit, it belongs to none.
     """
     seeds = [int(number) for number in re.findall(r"\d+", path.stem)]
     candidates = [

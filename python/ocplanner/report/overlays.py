@@ -1,6 +1,6 @@
 """Plans drawn over camera images: Figures 5, 6 and 8 of the paper.
 
-Pixels are (x, y) from the upper left corner of the image, as :meth:`ocplanner.envs.ManipulationEnv.project` gives them.
+Pixels are (x, y), counted from the upper left corner of the image.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from ocplanner.errors import ShapeError
 
 _OUTLINE = "#10151c"
 _ROOM, _SMALLEST_SHARE = 1.8, 0.3
-"""The window of a plan: so many times the trajectories' extent, and never less than this share of the image."""
+"""A window is this many times as wide as the trajectories' extent, but at least this share of the image."""
 
 
 def plan_grid(
@@ -26,18 +26,18 @@ def plan_grid(
     columns: int = 4,
     title: str = "",
 ) -> Figure:
-    """Figures 5 and 6: planned trajectories in red dots, true ones in cyan, over the images the plans were made from.
+    """Figures 5 and 6: planned trajectories as red dots, true ones in cyan, over images of the planned moments.
 
-    All images are cut to windows of one size around the trajectories, so that short plans can be seen as well as long
-    ones; fewer dots are drawn larger.
+    All images are cut to windows of one size around the trajectories, so that short plans are as visible as long ones.
+    Plans of few steps get larger dots.
 
     Args:
         images: each (h, w, 3) uint8, upright.
         planned: for each image, (H, 2) pixels of the planned object positions.
-        true: for each image, (H, 2) pixels of the positions that the demonstration went through.
+        true: for each image, (H, 2) pixels of the positions in the demonstration.
         titles: one short line above each image.
         columns: images in a row.
-        title: above the whole grid.
+        title: title of the whole grid.
 
     Raises:
         ShapeError: the lists differ in length, are empty, or an element has another shape.
@@ -83,17 +83,17 @@ def film_strip(
 
     Args:
         frames: (T, h, w, 3) uint8, upright.
-        count: how many to show; all if there are fewer.
-        columns: frames in a row, by default all in one row.
+        count: number of frames to show; all if there are fewer.
+        columns: frames in a row; by default all frames.
         titles: one short line for each of ``frames`` (not only those shown).
-        title: above the strip.
+        title: title of the strip.
 
     Raises:
         ShapeError: no frames, or titles of another length.
     """
     if not len(frames) or (titles is not None and len(titles) != len(frames)):
         raise ShapeError("film_strip: need at least one frame, and one title a frame if any")
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))
+    chosen = evenly_spaced(len(frames), count)
     columns = min(columns or len(chosen), len(chosen))
     rows = -(-len(chosen) // columns)
     height, width = np.shape(frames[0])[:2]
@@ -110,6 +110,11 @@ def film_strip(
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, fontweight="bold")
     return figure
+
+
+def evenly_spaced(length: int, count: int) -> np.ndarray:
+    """At most ``count`` indices from 0 to ``length - 1``, both included."""
+    return np.unique(np.linspace(0, length - 1, min(count, length)).round().astype(int))
 
 
 def show_image(axes: Axes, image: np.ndarray) -> None:
@@ -135,14 +140,14 @@ def _pixels(path: np.ndarray, label: str) -> np.ndarray:
 
 
 def _share(pixels: np.ndarray, width: int, height: int) -> float:
-    """How much of an image's sides a window around these pixels (n, 2) needs, with room at its edges; at most 1."""
+    """The share of an image's sides, at most 1, that a window around these pixels (n, 2) needs."""
     seen = pixels[np.isfinite(pixels).all(axis=1)]
     extent = np.ptp(seen, axis=0) / (width, height) if len(seen) else np.zeros(2)
     return float(np.clip(_ROOM * extent.max(), _SMALLEST_SHARE, 1.0))
 
 
 def _look_at(axes: Axes, pixels: np.ndarray, share: float, width: int, height: int) -> None:
-    """Cut the view to ``share`` of the image's sides, centred on the pixels (n, 2) but inside the image."""
+    """Cut the view to ``share`` of the image's sides, centred on the pixels (n, 2) as far as the image allows."""
     seen = pixels[np.isfinite(pixels).all(axis=1)]
     full = np.array([width, height], dtype=np.float64)
     centre = (seen.min(axis=0) + seen.max(axis=0)) / 2 if len(seen) else full / 2

@@ -26,11 +26,11 @@ from ocplanner.zero_shot.result import TransferResult
 FIGURE_CAPTIONS = {
     "plans": "Planned (red) and true (cyan) object trajectories over the camera image, on held-out demonstrations.",
     "latents": "Latent plans along demonstrations, by t-SNE; the colour is the time from grasp to release.",
-    "hint_use": "What a policy makes of the hint along a recorded demonstration, in its most likely mode.",
-    "hint_share": "How much of the motion is the hint's while the object is held; the rest is the residual's.",
+    "hint_use": "How a policy uses the hint along a recorded demonstration, in its most likely mode.",
+    "hint_share": "The hint's share of the motion while the object is held; the rest is the residual's.",
     "segments": "The frames of demonstrations that training keeps: from grasp to release.",
 }
-"""What the figures that this package writes show, by the beginning of their file names."""
+"""Captions of the package's own figures, by the beginning of their file names."""
 
 _OF_HINTS = ("hint_use", "hint_share")
 _DRAWN_HERE = (
@@ -48,7 +48,7 @@ _DRAWN_HERE = (
 
 @dataclass(frozen=True)
 class _Training:
-    """What the page says of one run."""
+    """One run on the page."""
 
     run: TrainingRun
     label: str
@@ -64,8 +64,8 @@ def write_report(
     Args:
         paths: run folders, result files, videos, or folders with any of them.
         out: the page; it appears whole or not at all.
-        title: of the page; by default the task and the robots.
-        most_videos: embedded at most; failed episodes and successes in turn.
+        title: title of the page; by default the tasks and the robots.
+        most_videos: most videos to embed; half of them show failures if there are enough.
 
     Raises:
         ResultFileError: a path is missing or damaged, or there is nothing to show.
@@ -127,7 +127,7 @@ def _results(sources: Sources) -> list[TransferResult | PolicyResult]:
 
 
 def _rank(group: TransferGroup) -> tuple[Any, ...]:
-    """The package's own defaults first, then what they are compared with."""
+    """The package's defaults first, then their alternatives."""
     first = group.records[0]
     follow, observe = ("gated", "time", "open-loop"), ("masked", "no-robot", "full")
     return (
@@ -151,7 +151,7 @@ def _enumerated(names: Sequence[str]) -> str:
 
 
 def _pick(videos: list[EmbeddedVideo], most: int) -> list[EmbeddedVideo]:
-    """At most ``most`` videos, successes and failures in turn as long as both last, in their old order."""
+    """At most ``most`` videos in their old order: half of them successes and half failures, if there are enough."""
     good = [i for i, video in enumerate(videos) if video.episode is None or video.episode.success]
     bad = [i for i, video in enumerate(videos) if i not in set(good)]
     failures = min(len(bad), max(most // 2, most - len(good)))
@@ -159,7 +159,7 @@ def _pick(videos: list[EmbeddedVideo], most: int) -> list[EmbeddedVideo]:
 
 
 def _strips(videos: list[EmbeddedVideo]) -> list[EmbeddedVideo]:
-    """The first success and the first failure shown."""
+    """The first success and the first failure."""
     first = {}
     for video in videos:
         first.setdefault(video.episode is None or video.episode.success, video)
@@ -167,7 +167,7 @@ def _strips(videos: list[EmbeddedVideo]) -> list[EmbeddedVideo]:
 
 
 def _figures(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """Pictures to embed, known ones first; of one picture in two formats the first by name, of equal ones the first."""
+    """Pictures to embed, known kinds first. A picture in two formats counts once, and so do equal pictures."""
     known = list(FIGURE_CAPTIONS)
 
     def kind(path: Path) -> int:
@@ -220,7 +220,7 @@ def _versions(sources: Sources) -> dict[str, str]:
 
 
 def _patches(groups: Sequence[TransferGroup]) -> dict[str, str]:
-    """Patch -> the robots that it was applied to."""
+    """Patch -> robots that have it."""
     with_patch: dict[str, list[str]] = {}
     for group in groups:
         for patch in group.records[0].patches:
@@ -229,7 +229,7 @@ def _patches(groups: Sequence[TransferGroup]) -> dict[str, str]:
 
 
 def _planners(groups: Sequence[TransferGroup]) -> list[dict[str, Any]]:
-    """SHA-256 -> where it was used."""
+    """SHA-256 -> transfers that used the planner."""
     used: dict[str, list[str]] = {}
     for group in groups:
         for record in group.records:

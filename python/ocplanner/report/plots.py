@@ -1,4 +1,4 @@
-"""Charts of training and of results: Figure 4 and Figure 7 of the paper, success rates and failure classes.
+"""Charts of trainings and results: Figures 4 and 7 of the paper, success rates and failure classes.
 
 Every function returns a new :class:`matplotlib.figure.Figure`; :func:`ocplanner.drawing.style.save_figure` writes it.
 """
@@ -18,8 +18,9 @@ from ocplanner.report.runs import TrainingRun, run_labels
 
 _LINES = ("-", "--", "-.", ":")
 _NARROW = 5.0
-"""How many times the lowest loss the highest is, up to which the axis is linear."""
+"""The axis of losses is linear while the highest loss is at most this many times the lowest."""
 _FAR = 4
+"""The axis of likelihoods is linear while the highest loss is at most this many times the best likelihood."""
 LOSSES = (("vae", "LSTM-VAE, validation loss"), ("predictor", "Latent predictor, validation loss"))
 ERRORS = (
     ("ade_mm", "mean error (ADE), mm"),
@@ -49,7 +50,7 @@ def error_curves(runs: Sequence[TrainingRun]) -> Figure:
 
 
 def curve_panel(runs: Sequence[TrainingRun], stage: str, value: str, title: str) -> Figure:
-    """One panel of the figures above, without a legend: colours follow :data:`ocplanner.drawing.style.SERIES`."""
+    """One panel of the figures above, without a legend; colours follow :data:`ocplanner.drawing.style.SERIES`."""
     with styled():
         figure = new_figure(3.6, 2.5)
         run_curves(figure.subplots(), runs, stage, value, title)
@@ -57,7 +58,7 @@ def curve_panel(runs: Sequence[TrainingRun], stage: str, value: str, title: str)
 
 
 def run_curves(axes: Axes, runs: Sequence[TrainingRun], stage: str, value: str, title: str) -> None:
-    """One line a run; losses that fall far, or that rise far above it, on a logarithmic scale."""
+    """Draw one line for each run; losses that change by a large factor get a logarithmic axis."""
     drawn = False
     for i, (run, label) in enumerate(zip(runs, run_labels(runs))):
         steps, values = run.series(stage, value)
@@ -77,7 +78,7 @@ def run_curves(axes: Axes, runs: Sequence[TrainingRun], stage: str, value: str, 
 def _value_axis(axes: Axes, loss: bool) -> None:
     drawn = np.concatenate([np.asarray(line.get_ydata()) for line in axes.lines])
     lowest, highest = float(drawn.min()), float(drawn.max())
-    if loss and highest > _NARROW * lowest > 0:  # a narrower logarithmic axis would have hardly a number
+    if loss and highest > _NARROW * lowest > 0:  # a narrower logarithmic axis would show hardly any number
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda tick, _: f"{tick:g}" if f"{tick:.0e}"[0] in "25" else ""))
@@ -89,14 +90,14 @@ def _value_axis(axes: Axes, loss: bool) -> None:
 
 
 def step_axis(axes: Axes) -> None:
-    """Training steps along x, thousands as k."""
+    """Show training steps along x, thousands as k."""
     axes.set_xlabel("training step")
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda step, _: f"{step / 1000:g}k" if step >= 1000 else f"{step:g}"))
 
 
 def shared_legend(figure: Figure) -> None:
-    """One legend below the figure, if there is more than one line to tell apart."""
+    """Add one legend below the figure if it has more than one kind of line."""
     entries = {}
     for axes in figure.axes:
         entries |= dict(zip(*reversed(axes.get_legend_handles_labels())))
@@ -143,7 +144,7 @@ def _row_height(group: TransferGroup) -> float:
 
 
 def failure_matrix(groups: Sequence[TransferGroup]) -> Figure:
-    """How many episodes failed in each class, one row a group."""
+    """Counts of failed episodes by class, one row for each group."""
     classes = failure_classes(groups)
     counts = np.array([[group.failures[name] for name in classes] for group in groups])
     shades = LinearSegmentedColormap.from_list("failures", ["#ffffff", SERIES[1]])
@@ -167,8 +168,8 @@ def latent_map(latents: Sequence[np.ndarray], *, seed: int = 0) -> Figure:
     """Figure 7: t-SNE of the latent plans along demonstrations, coloured by normalised time.
 
     Args:
-        latents: one array (T_i, latent) a demonstration, in order of time.
-        seed: of t-SNE.
+        latents: one array (T_i, latent) for each demonstration, in order of time.
+        seed: seed of t-SNE.
 
     Raises:
         ShapeError: an array is not two-dimensional or their widths differ.

@@ -1,4 +1,4 @@
-"""What a plan's reward and a critic say along episodes that end well and episodes that do not."""
+"""A plan's reward and a critic's value along episodes, good and bad ones side by side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ _MOMENTS = 3
 
 @dataclass(frozen=True)
 class JudgedEpisode:
-    """An episode of a labelled data set, and what a critic thinks of it.
+    """An episode of a labelled data set, and a critic's values of its actions.
 
     Attributes:
-        title: such as "success".
+        title: title of its column, such as "success".
         demos: the data set, with rewards written by ``ocplanner label``.
-        name: of the demonstration.
+        name: name of the demonstration.
         values: (T,) a critic's value of each recorded action, or None.
     """
 
@@ -48,11 +48,11 @@ class JudgedEpisode:
 
 
 def judged_figure(episodes: Sequence[JudgedEpisode], *, camera: str = "agentview", size: int = 256) -> Figure:
-    """One column an episode: three moments, the plan's reward at each step, and the critic's value if there is one.
+    """One column for each episode: three moments, the plan's reward at each step, and the critic's value if given.
 
     Args:
-        episodes: to compare; all curves of one kind share an axis.
-        camera: that sees the moments; they are drawn anew from the recorded states.
+        episodes: episodes to compare; all curves of one kind share an axis.
+        camera: name of the camera; the moments are drawn anew from the recorded states.
         size: side of each picture, pixels.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The kept part of single demonstrations, drawn against what the object and the gripper do."""
+"""The kept steps of single demonstrations, beside the object's height and the gripper."""
 
 from collections.abc import Sequence
 
@@ -15,12 +15,12 @@ _HEIGHT, _KEPT, _CLOSED = SERIES[0], SERIES[2], SERIES[1]
 
 
 def segment_figure(demos: Demonstrations, names: Sequence[str], object_name: str | None = None) -> Figure:
-    """One panel a demonstration: the object's height, when the gripper is closed, and the frames that are kept.
+    """One panel for each demonstration: the object's height, the closed gripper, and the steps that training keeps.
 
     Args:
         demos: a data set with object poses.
         names: the demonstrations to draw.
-        object_name: the manipulated object; the task's first when None.
+        object_name: the manipulated object, or one arm's part in carrying it; the task's first object if None.
 
     Raises:
         InvalidValueError: no demonstration was named.

@@ -1,4 +1,4 @@
-"""A task before several arms: can each of them hold the object the way the task says?"""
+"""Pictures of a new task: can each arm reach the grasps that the task defines?"""
 
 from collections.abc import Sequence
 
@@ -24,17 +24,17 @@ def grasps_figure(
     size: int = 384,
     columns: int = 4,
 ) -> Figure:
-    """Each arm with its open hand at the grasp that it reaches best, once the object has come to rest.
+    """Draw each arm with its open hand at the grasp that it reaches best, after the object has come to rest.
 
-    Above each picture: that grasp, and how far from it inverse kinematics gets. More than a few millimetres mean that
-    all grasp frames, or the object's place, are out of that arm's reach.
+    The title of each picture names that grasp and the distance that inverse kinematics leaves to it. More than a few
+    millimetres mean that the arm reaches none of the grasp frames.
 
     Args:
         task: a task or its name.
         robots: names of arms.
-        seed: of the episode.
-        opening: of the hand, metres.
-        camera: that sees it.
+        seed: seed of the episode.
+        opening: opening of the hand, metres.
+        camera: name of the camera.
         size: side of each picture, pixels.
         columns: pictures in a row.
 

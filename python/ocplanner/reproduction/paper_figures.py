@@ -1,4 +1,4 @@
-"""The paper's Figures 4 to 8, drawn from planners trained on Square PH; what they need and is not there is made."""
+"""The paper's Figures 4 to 8 from planners trained on Square PH; missing planners, images and videos are made first."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -23,22 +23,22 @@ from ocplanner.zero_shot.result import TransferResult, read_result
 
 HORIZONS = (5, 20, 50)
 _SHOWN = 10
-"""Held-out demonstrations that are drawn: the paper's Figure 7 has ten."""
+"""Number of held-out demonstrations drawn; the paper's Figure 7 has ten."""
 _ROBOT, _EPISODE = "Sawyer", 10000
 
 
 @dataclass(frozen=True)
 class FigureWork:
-    """Where the figures' material is, and how it is made.
+    """Where the material of the figures lies, and how it is made.
 
     Attributes:
         data: Square PH with states.
-        work: rendered data, run folders and logs.
-        results: the committed planners.
-        preset: of trainings; only the preset ``cpu`` has committed planners.
-        seed: of trainings.
-        workers: processes of rendering.
-        device: of trainings.
+        work: folder of rendered data, run folders and logs.
+        results: folder of the committed planners.
+        preset: preset of trainings; only ``cpu`` has committed planners.
+        seed: training seed.
+        workers: processes that render.
+        device: device of trainings.
     """
 
     data: Path
@@ -50,7 +50,7 @@ class FigureWork:
     device: str = "cpu"
 
     def run(self, horizon: int) -> Path:
-        """The run folder of one training, which is done, or gone on with, if it is not finished."""
+        """The run folder of one training, which is started or resumed if it is not finished."""
         experiment = self._experiment(horizon)
         folder = self.work / (experiment.name if self.preset == "cpu" else f"{experiment.name}_{self.preset}")
         if not (folder / FILE_NAME).exists():
@@ -64,15 +64,15 @@ class FigureWork:
         return folder
 
     def planner(self, horizon: int) -> Path:
-        """A planner file: the committed one, or that of a training."""
+        """The committed planner file, or that of a training."""
         committed = self._experiment(horizon).file(self.results)
         return committed if self.preset == "cpu" and committed.exists() else self.run(horizon) / FILE_NAME
 
     def held_out(self) -> Path:
-        """Ten held-out demonstrations with the planner's images, in a file of their own.
+        """A data set of ten held-out demonstrations with the planner's images.
 
         Raises:
-            DatasetError: the data set does not say which are held out.
+            DatasetError: the data set does not say which demonstrations are held out.
         """
         states, images = self.work / "square_held_out.hdf5", self.work / "square_held_out_masked.hdf5"
         if not images.exists():
@@ -97,7 +97,7 @@ class FigureWork:
 
 
 def draw(number: int, work: FigureWork, folder: Path) -> Path:
-    """Draw one figure of the paper as ``folder/paper_figure_N.png``, with another preset's name in it.
+    """Draw one figure of the paper as ``folder/paper_figure_N.png``; the name ends with a preset other than ``cpu``.
 
     Raises:
         OutputError: a step failed; the message names its log.
