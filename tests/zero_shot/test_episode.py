@@ -128,12 +128,12 @@ def replays(env, seed: int) -> dict[str, Replay]:
 
 def test_objects_are_placed_one_after_another():
     with make_env("ToolHang", "Panda", cameras=()) as env:
-        planners = replays(env, 501)
-        episode = run_episode(env, planners, 501, observe=lambda env: {})
+        planners = replays(env, 502)
+        episode = run_episode(env, planners, 502, observe=lambda env: {})
         assert episode.success, (episode.failure, episode.failed_with)
         assert list(dict.fromkeys(episode.trace.objects)) == ["frame", "tool"]
         planners = {"frame": Replay(env, "frame", planners["frame"].poses), "tool": Motionless(env)}
-        lone = run_episode(env, planners, 501, observe=lambda env: {})
+        lone = run_episode(env, planners, 502, observe=lambda env: {})
     assert not lone.success
     assert lone.failed_with == "tool"
 
