@@ -5,8 +5,8 @@
 >>> planner = ocp.Planner.load("planner.safetensors")     # doctest: +SKIP
 >>> result = ocp.transfer(planner, robot="Sawyer")        # doctest: +SKIP
 
-Importing the package loads no simulator and no torch; each public name loads what it needs when it is first used. The
-tasks are known to Gymnasium, where that is installed, as ``ocplanner/<Task>-v0``.
+Importing the package loads neither a simulator nor torch; each public name loads what it needs on first use. If
+Gymnasium is installed, the tasks are registered with it as ``ocplanner/<Task>-v0``.
 """
 
 import importlib

@@ -1,6 +1,6 @@
-"""Every error that a user can cause, one class each.
+"""The errors that a user can cause, one class for each kind.
 
-A message names the thing, the value found and the remedy. The command line prints it without a traceback and exits
+Each message names the thing, the value found and the remedy. The command line prints it without a traceback and exits
 with status 2.
 """
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 
 class OcplannerError(Exception):
-    """Base of all errors that ocplanner raises on purpose."""
+    """Base class of all errors that ocplanner raises on purpose."""
 
 
 class ShapeError(OcplannerError, ValueError):
@@ -16,15 +16,15 @@ class ShapeError(OcplannerError, ValueError):
 
 
 class InvalidValueError(OcplannerError, ValueError):
-    """A number is outside its domain, NaN and infinity included."""
+    """A number is outside its domain, or is NaN or infinite."""
 
 
 class DatasetError(OcplannerError):
-    """A data set is missing, truncated, or lacks what was asked of it."""
+    """A data set is missing, unreadable or damaged, or lacks what is needed."""
 
 
 class ObjectLayoutError(DatasetError):
-    """The order of the ``object`` observation cannot be told, or contradicts the states."""
+    """The layout of the ``object`` observation is unknown, or contradicts the states."""
 
 
 class ModelFileError(OcplannerError):
@@ -32,7 +32,7 @@ class ModelFileError(OcplannerError):
 
 
 class MismatchError(OcplannerError):
-    """Two things that must agree do not: task, camera, image size, visual preset or observation."""
+    """Two things that must agree do not, such as task, camera, image size, visual preset or observation."""
 
 
 class UnknownNameError(OcplannerError, ValueError):
@@ -43,33 +43,33 @@ class UnknownNameError(OcplannerError, ValueError):
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(self._parts[2])}")
 
     def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, tuple[str, ...]]]:
-        """Survive the way back from a worker process."""
+        """Pickle the parts, so that the error survives the way back from a worker process."""
         return type(self), self._parts
 
 
 class RenderingError(OcplannerError):
-    """No working headless OpenGL, or a render came back unusable."""
+    """Headless OpenGL does not work, or drew an unusable image."""
 
 
 class VersionError(OcplannerError, ImportError):
-    """An installed dependency is outside the range that works."""
+    """A dependency is missing, or its version does not work with ocplanner."""
 
 
 class ResultFileError(OcplannerError):
-    """A result file or run folder is missing or damaged, or holds nothing to report."""
+    """A result file or run folder is missing or damaged, or has nothing to report."""
 
 
 class OutputError(OcplannerError):
-    """A result cannot be written: disk full, read-only folder, or another process is writing it."""
+    """An output cannot be written: full disk, read-only folder, existing file, or another process is writing it."""
 
 
 class TrainingError(OcplannerError):
-    """Training cannot go on: a loss is not finite, or a run folder belongs to another configuration."""
+    """Training cannot continue: a loss is not finite, or the run folder belongs to another configuration."""
 
 
 class WorkerError(OcplannerError):
-    """A worker process died again and again on the same episode."""
+    """A worker raised an unexpected exception, or died repeatedly on the same episode."""
 
 
 class ClusterError(OcplannerError):
-    """There is no Ray cluster at the address, or its machines cannot run workers."""
+    """No Ray cluster answers at the address, or its machines cannot run workers."""

@@ -1,7 +1,8 @@
-"""The versions of other packages: those that results record, and those without which the simulator does not work.
+"""Versions of other packages: those that results record, and those that the simulator depends on.
 
-A wrong robosuite, mujoco or NumPy breaks late and obscurely. So they are checked when the simulator is first imported,
-against the requirements of the installed ocplanner, which come from ``pyproject.toml``; ``CONTRIBUTING.md`` says why.
+With a wrong robosuite, mujoco or NumPy the simulator fails late and obscurely. So the first import of the simulator
+checks them against the requirements of the installed ocplanner, which come from ``pyproject.toml``;
+``CONTRIBUTING.md`` gives the reason for each.
 """
 
 import shlex

@@ -148,6 +148,7 @@ def test_seeds_follow_from_the_first():
         ({"robot": "Sawyr"}, UnknownNameError, "known: .*Sawyer"),
         ({"render_mode": "human"}, UnknownNameError, "rgb_array"),
         ({"workers": 0}, InvalidValueError, "at least 1"),
+        ({"nonsense": 1}, WorkerError, "a worker of the vector environment failed: TypeError: .*nonsense"),
     ],
 )
 def test_bad_arguments_are_told(wrong, error, message):

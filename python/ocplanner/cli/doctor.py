@@ -14,18 +14,18 @@ from rich.console import Console
 from ocplanner import versions
 from ocplanner.errors import OcplannerError
 
-_WANTED_FREE_GB = 5.0
+_NEEDED_FREE_GB = 5.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found.
+    """The outcome of one check.
 
     Attributes:
-        subject: what was looked at.
+        subject: what was checked.
         detail: what was found.
-        remedy: what to do about it; None when there is nothing to do.
-        fatal: whether ocplanner cannot work like this.
+        remedy: what to do about it; None if all is well.
+        fatal: whether ocplanner cannot work until then.
     """
 
     subject: str
@@ -39,7 +39,7 @@ def check_dependencies() -> Finding:
     try:
         versions.check_pins()
     except OcplannerError as error:
-        return Finding("dependencies", str(error), "install the version named", fatal=True)
+        return Finding("dependencies", str(error), "install the named version", fatal=True)
     found = versions.installed()
     return Finding("dependencies", ", ".join(f"{name} {found[name]}" for name in versions.PINNED))
 
@@ -54,7 +54,7 @@ def check_core() -> Finding:
 
 
 def check_rendering() -> Finding:
-    """A picture of the Square task, drawn and looked at."""
+    """Draws a picture of the Square task and checks that it is not blank."""
     backend = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
     try:
         from ocplanner.envs import make_env
@@ -85,28 +85,30 @@ def check_processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> Finding:
     detail = f"{platform.machine()}, {cores} cores, {' '.join(found) or 'neither AVX2 nor AVX-512'}"
     if {"avx2", "fma"} <= flags:
         return Finding("processor", detail)
-    return Finding("processor", detail, "planning works, several times slower; prefer a processor with AVX2 and FMA")
+    return Finding(
+        "processor", detail, "planning works, but several times slower; prefer a processor with AVX2 and FMA"
+    )
 
 
 def check_disk(folder: Path | None = None) -> Finding:
-    """Room for data sets and runs."""
+    """Free space for data sets and runs."""
     folder = folder or Path.cwd()
     free = shutil.disk_usage(folder).free / 1e9
     detail = f"{free:.1f} GB free at {folder}"
-    if free < _WANTED_FREE_GB:
-        return Finding("disk", detail, f"free some space: a rendered data set and a run want {_WANTED_FREE_GB:.0f} GB")
+    if free < _NEEDED_FREE_GB:
+        return Finding("disk", detail, f"free some space: a rendered data set and a run need {_NEEDED_FREE_GB:.0f} GB")
     return Finding("disk", detail)
 
 
 def check_cache() -> Finding:
-    """Whether simplified meshes can be kept."""
+    """Whether simplified meshes can be cached."""
     from ocplanner.envs.meshes import cache_folder
 
     folder = cache_folder()
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if not os.access(existing, os.W_OK):
-        remedy = "point XDG_CACHE_HOME at a folder that can be written; until then environments start slowly"
-        return Finding("cache", f"{folder} cannot be written", remedy)
+        remedy = "set XDG_CACHE_HOME to a writable folder; until then environments start slowly"
+        return Finding("cache", f"{folder} is not writable", remedy)
     return Finding("cache", str(folder))
 
 
@@ -125,10 +127,10 @@ class Doctor:
     """Check this machine and say what to do about each fault."""
 
     def run(self) -> None:
-        """Print one line a check, and the remedy under each fault.
+        """Print one line for each check, and the remedy under each fault.
 
         Raises:
-            OcplannerError: something keeps ocplanner from working.
+            OcplannerError: ocplanner cannot work on this machine.
         """
         console = Console(highlight=False, soft_wrap=True)
         fatal = []

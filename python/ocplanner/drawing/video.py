@@ -35,20 +35,20 @@ def write_episode_video(
     shortest_side: int = 320,
     hold_seconds: float = 1.0,
 ) -> Path:
-    """Write an episode: the plan in force as red dots, the object's path so far as a cyan trail, a caption bar below.
+    """Write an episode with the current plan as red dots, the object's path as a cyan trail and a caption bar below.
 
     Args:
         path: the mp4; it appears whole or not at all.
-        frames: T images (h, w, 3) uint8, upright, of one size. Small ones are enlarged to ``shortest_side``.
+        frames: T images (h, w, 3) uint8, upright, of one size; small ones are enlarged to ``shortest_side``.
         planned_pixels: for each frame the plan's (H, 2) pixels, or None while there is no plan.
-        achieved_pixels: (T, 2) pixels of the object in each frame; NaN where it is unknown.
-        fps: frames a second; the simulator's control rate plays in real time.
-        captions: one a frame.
+        achieved_pixels: (T, 2) pixels of the object in each frame; NaN where unknown.
+        fps: frames per second; the simulator's control rate plays in real time.
+        captions: one for each frame.
         shortest_side: pixels.
-        hold_seconds: how long the last frame stays, so that the outcome can be read.
+        hold_seconds: how long the last frame stays, so that viewers can read the outcome.
 
     Raises:
-        ShapeError: a list's length differs from the frames', or an array has another shape.
+        ShapeError: a list has another length than ``frames``, or an array has a wrong shape.
         OutputError: ffmpeg could not write the file.
     """
     count = len(frames)
@@ -76,12 +76,12 @@ def _scaled(pixels: np.ndarray | None, factor: float) -> np.ndarray | None:
 
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 20, hold_seconds: float = 0.0) -> Path:
-    """Encode frames (h, w, 3) uint8 with even sides as mp4; the file appears whole or not at all.
+    """Encode frames (h, w, 3) uint8 with even sides as mp4, and hold the last one; the file is whole or absent.
 
     Raises:
-        ShapeError: there are no frames, or one has another shape than the first.
+        ShapeError: there are no frames, or a frame has another shape than the first.
         InvalidValueError: ``fps`` is not positive.
-        OutputError: ffmpeg could not write the file; it prints its reason to standard error.
+        OutputError: ffmpeg could not write the file; it prints the reason to standard error.
     """
     if not fps > 0:
         raise InvalidValueError(f"fps must be positive, found {fps}")
@@ -103,7 +103,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
                 count += 1
                 try:
                     encoder.send(data)
-                except OSError:  # ffmpeg has ended; the count tells
+                except OSError:  # ffmpeg has ended; the count below reports it
                     break
         if _count(partial) != count:  # imageio-ffmpeg does not look at the exit status
             raise OutputError(
@@ -113,7 +113,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
 
 
 def _held(first: np.ndarray, rest: Iterable[np.ndarray], repeats: int) -> Iterator[np.ndarray]:
-    """All frames, and the last one so many times more."""
+    """All frames, then the last one ``repeats`` more times."""
     frame = first
     for frame in itertools.chain([first], rest):
         yield frame
@@ -127,7 +127,7 @@ def _bytes(frame: np.ndarray, shape: tuple[int, ...]) -> bytes:
 
 
 def _count(path: Path) -> int:
-    """How many frames can be decoded."""
+    """The number of frames that can be decoded."""
     try:
         return imageio_ffmpeg.count_frames_and_secs(path)[0] or 0
     except RuntimeError:
@@ -138,7 +138,7 @@ def read_video(path: str | Path) -> np.ndarray:
     """All frames of a video, (T, h, w, 3) uint8, read-only.
 
     Raises:
-        ResultFileError: it is missing or cannot be decoded.
+        ResultFileError: the video is missing or cannot be decoded.
     """
     path = Path(path)
     if not path.is_file():

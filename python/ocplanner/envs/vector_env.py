@@ -1,4 +1,4 @@
-"""Many environments at once, in worker processes, as one Gymnasium vector environment.
+"""A Gymnasium vector environment whose environments run in worker processes.
 
 >>> import gymnasium, ocplanner                                                      # doctest: +SKIP
 >>> envs = gymnasium.make_vec("ocplanner/Square-v0", num_envs=8, robot="UR5e", workers=4)   # doctest: +SKIP
@@ -26,34 +26,34 @@ Order = tuple[int, str, Any]
 
 @dataclass
 class _Episode:
-    """All that an environment's present state follows from."""
+    """What determines an environment's present state."""
 
     seed: int
     actions: list[np.ndarray] = field(default_factory=list)
 
 
 class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
-    """``num_envs`` times :class:`ocplanner.envs.gymnasium_env.GymnasiumEnv`, dealt out to worker processes.
+    """``num_envs`` copies of :class:`ocplanner.envs.gymnasium_env.GymnasiumEnv` in worker processes.
 
-    Spaces are those of the one, batched. What comes out depends on seeds and actions alone, not on ``workers``. A
-    worker that dies is replaced, and its episodes are played again from their seeds to where they were.
+    The spaces are those of one environment, batched. Results depend only on seeds and actions, not on ``workers``. A
+    dead worker is replaced; the new one replays its episodes from their seeds.
 
-    An environment whose episode has ended is reset by the next :meth:`step`, which ignores its action and gives the
-    first observation with reward 0 (``AutoresetMode.NEXT_STEP``, as Gymnasium's own vector environments do by default):
-    so the last observation of an episode stands among the others, and each step costs a worker one physics step or one
-    reset, never both.
+    :meth:`step` resets an environment whose episode has ended: it ignores the action and returns the first observation
+    with reward 0 (``AutoresetMode.NEXT_STEP``, the default of Gymnasium's own vector environments). So the last
+    observation of an episode is returned like any other, and a step costs a worker one physics step or one reset, never
+    both.
 
     Args:
-        num_envs: environments.
+        num_envs: number of environments.
         task: task name.
-        workers: processes; as many as there are processor cores, but at most ``num_envs``, if not given.
+        workers: number of processes, at most ``num_envs``; by default one for each processor core.
         render_mode: ``"rgb_array"`` or None.
         **options: as for :class:`ocplanner.envs.gymnasium_env.GymnasiumEnv`.
 
     Raises:
         InvalidValueError: ``num_envs`` or ``workers`` is not positive.
         UnknownNameError: a name is not known.
-        WorkerError: a worker died three times over the same call.
+        WorkerError: a worker raised an unexpected exception, or died three times on the same call.
     """
 
     def __init__(
@@ -84,12 +84,12 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
         """Start an episode in every environment.
 
         Args:
-            seed: of the first environment, the others count on from it; or one for each. A seed fixes an environment's
-                episode and those that follow without one.
-            options: ``{"reset_mask": (num_envs,) bool}`` restarts only some.
+            seed: the seed of the first environment, from which the others count on; or one for each. A seed fixes an
+                environment's episode and the following ones without a seed.
+            options: ``{"reset_mask": (num_envs,) bool}`` restarts only the chosen ones.
 
         Raises:
-            ShapeError: not one seed, or one entry of the mask, for each environment.
+            ShapeError: the seeds or the mask do not have one entry for each environment.
         """
         seeds = [seed + index for index in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
@@ -114,8 +114,8 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
             actions: (num_envs, 7) in [-1, 1].
 
         Raises:
-            ShapeError: the actions have another shape.
-            InvalidValueError: an action is not finite, or an environment was never reset.
+            ShapeError: the actions have a wrong shape.
+            InvalidValueError: an action is not finite, or an environment has not been reset.
         """
         actions = np.array(actions, dtype=np.float32)
         if actions.shape != self.action_space.shape:
@@ -149,12 +149,12 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
         return tuple(self._ask([(index, "render", None) for index in range(self.num_envs)]))
 
     def close_extras(self, *, busy: bool = False) -> None:
-        """End the worker processes."""
+        """Stop the worker processes."""
         for worker in self.__dict__.pop("_workers", []):
             worker.stop(busy=busy)
 
     def _begin(self, index: int, seed: int | None) -> Order:
-        """The order for a new episode. Seeds are drawn here, in the way of a single environment: workers hold none."""
+        """The order for a new episode. Seeds are drawn here, as a single environment draws them; workers have none."""
         if seed is not None:
             self._draws[index] = seeding.np_random(int(seed))[0]
         return index, "begin", int(self._draws[index].integers(2**31)) if seed is None else int(seed)
@@ -164,7 +164,7 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
         return concatenate(self.single_observation_space, self._observations, empty)  # pyright: ignore
 
     def _ask(self, orders: Sequence[Order]) -> list[Any]:
-        """Have orders carried out, and keep what brings their environments back if a worker dies."""
+        """Have the workers carry out orders, and record what restores their environments if a worker dies."""
         if self.closed:
             raise InvalidValueError("the vector environment is closed; make another one")
         shares: dict[int, list[Order]] = {}
@@ -177,7 +177,7 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
             for number, share in shares.items():
                 answers.update(zip((order[0] for order in share), self._answers(number, share)))
         except BaseException:
-            # The other workers' answers are still on their way: nothing could be asked any more.
+            # The other workers' answers are still in the pipes, so no further question can be asked.
             self.close(busy=True)
             raise
         for index, verb, argument in orders:
@@ -196,8 +196,8 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
                 self._workers[number] = Worker(_work, self._options)
                 self._workers[number].send([*self._history(number), *share])
         raise WorkerError(
-            f"a worker of {self.num_envs} environments died {_TRIES} times over the same call; if it never came up, "
-            "put what your script does under 'if __name__ == \"__main__\":', since workers import the script anew"
+            f"a worker of {self.num_envs} environments died {_TRIES} times on the same call; if it never started, put "
+            "the code of your script under 'if __name__ == \"__main__\":', because workers import the script"
         )
 
     def _history(self, number: int) -> list[Order]:
@@ -223,7 +223,7 @@ class _Place:
         return self.env.step(action)
 
     def restore(self, episode: _Episode) -> None:
-        """Where an episode was, without looking at the way there."""
+        """Replay an episode without observing it."""
         self.env.env.reset(episode.seed)
         for action in episode.actions:
             self.env.env.step(action)

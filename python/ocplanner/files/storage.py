@@ -1,4 +1,4 @@
-"""Writing files so that a kill, a full disk or a second process never leaves a half-written result."""
+"""Writes files so that a kill, a full disk or a second process never leaves a half-written result."""
 
 import contextlib
 import errno
@@ -31,10 +31,10 @@ _REMEDIES = {
 
 
 def check_free(path: Path, overwrite: bool) -> None:
-    """Refuse to write where something is already.
+    """Check that an output may be written.
 
     Raises:
-        OutputError: the path is a folder, or a file that must not be replaced.
+        OutputError: the path is a folder, or an existing file that must not be replaced.
     """
     if path.is_dir() or (path.exists() and not overwrite):
         remedy = "choose another file, or allow overwriting (--overwrite; overwrite=True)"
@@ -42,18 +42,18 @@ def check_free(path: Path, overwrite: bool) -> None:
 
 
 def output_error(path: Path, error: BaseException) -> OutputError:
-    """The :class:`OutputError` that says what ``error`` means for ``path`` and what to do about it."""
+    """The :class:`OutputError` for ``error`` at ``path``, with its remedy."""
     number = getattr(error, "errno", None)
     text = str(error)
     if number is None and ("No space left" in text or f"errno = {errno.ENOSPC}" in text):
-        number = errno.ENOSPC  # HDF5 reports the system's number in the text only
+        number = errno.ENOSPC  # HDF5 gives the system's error number only in the text
     remedy = _REMEDIES.get(number or 0, "check the folder and run the same command again")
     return OutputError(f"cannot write {path}: {text.splitlines()[0] if text else type(error).__name__}; {remedy}")
 
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn the operating system's errors inside the block into an :class:`OutputError` about ``path``."""
+    """Turn the operating system's errors in the block into an :class:`OutputError` about ``path``."""
     try:
         yield
     except OSError as error:
@@ -61,7 +61,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make renames inside ``folder`` survive a power cut (where the file system lets folders be synced)."""
+    """Make renames in ``folder`` survive a power cut, if the file system can sync folders."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -72,18 +72,18 @@ def sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def atomic_write(path: str | Path, durable: bool = True) -> Iterator[Path]:
-    """Yield a temporary file name beside ``path``; on success it is synced and renamed to ``path``.
+    """Yield the name of a temporary file beside ``path``; after the block it is synced and renamed to ``path``.
 
-    The block must write that very file: what writes another one beside it and renames that, as ``save_file`` of
-    safetensors does, would leave it behind when killed.
+    Until then ``path`` keeps its old content, or stays absent. If the block raises, the temporary file is removed.
+    Temporary files that killed processes of this machine left for the same ``path`` are removed first.
 
-    Until then ``path`` keeps its old content, or stays absent. When the block raises, the temporary file is removed.
-    Temporary files that killed processes of this machine left for the same ``path`` are swept away first.
+    The block must write the temporary file itself. A function that writes and renames yet another file, such as
+    ``save_file`` of safetensors, would leave that file behind if killed.
 
     Args:
         path: the file to make or replace.
-        durable: wait until the disk has it. Without, a kill still leaves all or nothing, but a power cut may leave
-            less: for files that can be told to be damaged and made again in no time.
+        durable: wait until the data is on the disk. If false, a kill still leaves all or nothing, but a power cut may
+            damage the file; for files whose damage can be detected and that are quick to make again.
 
     Raises:
         OutputError: the folder cannot be made or written, or the disk is full.
@@ -113,7 +113,7 @@ def atomic_write(path: str | Path, durable: bool = True) -> Iterator[Path]:
 
 
 def seal(path: Path) -> None:
-    """Append a file's SHA-256 to it, so that :func:`sealed` can tell later damage."""
+    """Append a file's SHA-256 to it, so that :func:`sealed` can detect later damage."""
     with path.open("r+b") as file:
         digest = hashlib.file_digest(file, "sha256").digest()
         file.seek(0, os.SEEK_END)
@@ -121,7 +121,7 @@ def seal(path: Path) -> None:
 
 
 def sealed(path: Path) -> bool:
-    """Whether a file is as it was when :func:`seal` was called for it."""
+    """Whether a file is unchanged since :func:`seal`."""
     size = path.stat().st_size - hashlib.sha256().digest_size
     if size < 0:
         return False
@@ -134,7 +134,7 @@ def sealed(path: Path) -> bool:
 
 
 def atomic_json(path: str | Path, value: Any) -> None:
-    """Write ``value`` as indented JSON through :func:`atomic_write`; NaN and infinity are refused (ValueError)."""
+    """Write ``value`` as indented JSON through :func:`atomic_write`; NaN and infinity raise ValueError."""
     text = json.dumps(value, indent=2, allow_nan=False) + "\n"
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -142,10 +142,10 @@ def atomic_json(path: str | Path, value: Any) -> None:
 
 @contextlib.contextmanager
 def locked(path: str | Path) -> Iterator[None]:
-    """Hold the right to write ``path`` (a file or a folder); the lock dies with the process, also by kill -9.
+    """Hold the right to write ``path``, a file or a folder; the lock ends with the process, even after ``kill -9``.
 
     Raises:
-        OutputError: another process holds it, or the lock file beside ``path`` cannot be made.
+        OutputError: another process holds the lock, or the lock file beside ``path`` cannot be made.
     """
     path = Path(path)
     lock = path.with_name(f".{path.name}.lock")
@@ -174,7 +174,7 @@ def _acquire(path: Path, lock: Path) -> int:
         except BaseException:
             os.close(descriptor)
             raise
-        # The holder before us may have unlinked the file between our open and our flock: then lock the new one.
+        # The previous holder may have unlinked the file between our open and flock; then lock the new file.
         with contextlib.suppress(FileNotFoundError):
             if os.stat(lock).st_ino == os.fstat(descriptor).st_ino:
                 os.ftruncate(descriptor, 0)

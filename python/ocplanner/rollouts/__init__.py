@@ -1,1 +1,1 @@
-"""Episodes dealt out to workers, and what their rates are worth."""
+"""Episodes spread over workers, and confidence intervals of their success rates."""

@@ -43,7 +43,7 @@ def run_episodes(
     Raises:
         WorkerError: an episode killed its worker three times, or raised an unexpected exception in a worker; a note
             holds the worker's traceback. In this process the exception itself is raised.
-        ClusterError: there is no Ray cluster, or its workers do not start.
+        ClusterError: no Ray cluster answers, or its workers do not start.
         VersionError: Ray is not installed.
         OcplannerError: as raised by ``make`` or ``episode``.
     """

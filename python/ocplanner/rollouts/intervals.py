@@ -28,19 +28,19 @@ def seed_level_interval(
 ) -> tuple[float, float]:
     """The interval of a success rate over several trainings, by a stratified bootstrap.
 
-    Episodes of one training share its luck, so that all episodes together are no sample of one binomial distribution.
-    As in rliable (Agarwal et al. 2021), each resample draws trainings with replacement, and then episodes within each
-    of them; the interval spans the 2.5th to the 97.5th percentile of the resampled rates. An episode is drawn with its
-    outcomes at all checkpoints, since these start from the same state.
+    The episodes of one training depend on that training, so the episodes of several are not one binomial sample. As in
+    rliable (Agarwal et al. 2021), each resample draws trainings with replacement, and then episodes within each drawn
+    training. The interval spans the 2.5th to the 97.5th percentile of the resampled rates. An episode is drawn with its
+    outcomes at all checkpoints, because all checkpoints start it from the same state.
 
-    With one training, the interval tells nothing about other trainings. If all outcomes are equal, resamples are too;
-    then the result is the Wilson interval of as many episodes as all trainings have at one checkpoint.
+    With one training, the interval says nothing about other trainings. If all outcomes are equal, so are all resamples;
+    then the result is the Wilson interval of the episodes that all trainings have at one checkpoint.
 
     Args:
-        outcomes: for each training whether its episodes succeeded: (episodes,) or (checkpoints, episodes), bool or
-            0 and 1. The rate is the mean over trainings of their own rates.
+        outcomes: for each training, whether its episodes succeeded: (episodes,) or (checkpoints, episodes) of bool, or
+            of 0 and 1. The rate is the mean of the trainings' rates.
         resamples: number of resamples.
-        seed: of the resampling.
+        seed: seed of the resampling.
 
     Raises:
         InvalidValueError: there is no training, or one has no episodes, a wrong shape or other values.

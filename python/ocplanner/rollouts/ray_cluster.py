@@ -1,4 +1,4 @@
-"""Reaching a Ray cluster, or starting one."""
+"""Connects to a Ray cluster, or starts one."""
 
 import importlib
 import os
@@ -14,18 +14,18 @@ _PROBE = "import ray, sys; ray.init(address=sys.argv[1], log_to_driver=False, lo
 
 
 def connect(address: str, workers: int) -> tuple[Any, bool]:
-    """Join the cluster at an address; a connection that this process already has is used as it is.
+    """Connect to the cluster at an address, or use the connection that this process already has.
 
     Args:
         address: ``"HOST:PORT"``, ``"ray://HOST:PORT"``, ``"auto"``, or ``"local"`` to start one on this machine.
-        workers: for how many workers a local one has room.
+        workers: number of workers that a local cluster has room for.
 
     Returns:
-        The module ``ray``, and whether the connection was made here, so that ``ray.shutdown()`` has to end it.
+        The module ``ray``, and whether this call connected, so that the caller must end with ``ray.shutdown()``.
 
     Raises:
         VersionError: Ray is not installed.
-        ClusterError: there is no cluster at that address, or none can be started.
+        ClusterError: no cluster answers at the address, or none can be started.
     """
     try:
         ray: Any = importlib.import_module("ray")
@@ -35,7 +35,7 @@ def connect(address: str, workers: int) -> tuple[Any, bool]:
         return ray, False
     try:
         if address == "local":
-            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else it reports to Ray's makers
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # otherwise Ray reports to its makers
             ray.init(
                 address="local",
                 num_cpus=workers,
@@ -52,7 +52,7 @@ def connect(address: str, workers: int) -> tuple[Any, bool]:
 
 
 def _probe(address: str) -> None:
-    """Connect from a process that can be ended: where nobody answers, Ray tries for ever."""
+    """Connect from a process that can be killed: if nothing answers, Ray tries forever."""
     try:
         subprocess.run([sys.executable, "-c", _PROBE, address], capture_output=True, check=True, timeout=_PATIENCE_S)
     except subprocess.TimeoutExpired as error:
@@ -60,7 +60,7 @@ def _probe(address: str) -> None:
     except subprocess.CalledProcessError as error:
         log = error.stderr.decode(errors="replace").strip()
         if "InvalidAuthToken" in log:
-            raise _unreachable(address, "it wants a token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN") from error
+            raise _unreachable(address, "it requires a token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN") from error
         raise _unreachable(address, log.splitlines()[-1] if log else "no reason given") from error
 
 

@@ -27,7 +27,7 @@ class RayPool:
 
     Raises:
         VersionError: Ray is not installed.
-        ClusterError: there is no cluster at the address.
+        ClusterError: no cluster answers at the address.
     """
 
     def __init__(self, task: Task, workers: int, address: str) -> None:

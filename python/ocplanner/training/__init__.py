@@ -1,1 +1,1 @@
-"""Optimisation, run folders and checkpoints, whatever is trained."""
+"""Optimisation, schedules, run folders and checkpoints, for planners and policies alike."""

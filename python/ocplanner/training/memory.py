@@ -1,4 +1,4 @@
-"""Memory that training steps take and give back, over and over."""
+"""Keeps the memory that training steps allocate and free again and again."""
 
 import ctypes
 
@@ -7,17 +7,18 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
 
 def keep_freed_memory() -> bool:
-    """Let the process keep the memory that it frees, so that it is not asked of the kernel, zeroed, at every step.
+    """Let the process keep freed memory, so that the kernel need not zero and map it again at each step.
 
-    glibc gives blocks of 128 KiB and more back at once; pages taken again cost a third of a small image encoder's
-    training step. Holds for the rest of the process, which then keeps its peak. On other C libraries nothing happens.
+    glibc returns blocks of 128 KiB and more at once; mapping them again takes a third of the training step of a small
+    image encoder. The setting holds for the rest of the process, which then keeps its peak memory. Other C libraries
+    ignore it.
 
     Returns:
-        Whether the C library took it.
+        Whether the C library accepted the setting.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
         return False
-    largest = 32 << 20  # the most that glibc accepts on 64-bit machines
+    largest = 32 << 20  # the largest value that glibc accepts on 64-bit machines
     return bool(mallopt(_MMAP_THRESHOLD, largest)) and bool(mallopt(_TRIM_THRESHOLD, 2**31 - 1))

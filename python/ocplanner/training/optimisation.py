@@ -1,4 +1,4 @@
-"""The optimiser of one stage with its learning-rate curve and averaged weights; all of its state is plain tensors."""
+"""The optimiser of one stage, with learning-rate schedule and averaged weights; its state is plain tensors."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol
@@ -16,29 +16,29 @@ class OptimisationConfig(Protocol):
 
     @property
     def learning_rate(self) -> float:
-        """Before any schedule."""
+        """The rate before any schedule."""
         ...
 
     @property
     def weight_decay(self) -> float:
-        """AdamW's; with 0 it is Adam."""
+        """AdamW's weight decay; 0 gives Adam."""
         ...
 
     @property
     def ema(self) -> float:
-        """Decay of the averaged weights; 0: no average is kept."""
+        """Decay of the averaged weights; 0: no average."""
         ...
 
 
 class BatchOrder:
-    """Which frames each step reads: a fresh permutation every epoch, known from (seed, step) alone."""
+    """The frames that each step reads: a new permutation in each epoch, determined by (seed, step) alone."""
 
     def __init__(self, count: int, batch: int, seed: tuple[int, ...]) -> None:
         self.count, self.batch, self.seed = count, batch, seed
         self._epoch: tuple[int, np.ndarray] | None = None
 
     def rows(self, step: int) -> np.ndarray:
-        """(batch,) row numbers of a step."""
+        """The row numbers of a step, (batch,)."""
         places = np.arange(step * self.batch, (step + 1) * self.batch)
         epochs = places // self.count
         pieces = [self._permutation(int(epoch))[places[epochs == epoch] % self.count] for epoch in np.unique(epochs)]
@@ -51,13 +51,13 @@ class BatchOrder:
 
 
 class Optimisation:
-    """AdamW on a module, and the moving average of its parameters and floating-point buffers.
+    """AdamW on a module, and a moving average of its parameters and floating-point buffers.
 
     Args:
-        module: what is trained.
-        config: learning rate, weight decay, decay of the average.
-        rate: the learning rate of each step.
-        clip: largest norm of the gradient, or None.
+        module: the module to train.
+        config: learning rate, weight decay and decay of the average.
+        rate: maps a step to its learning rate.
+        clip: largest norm of the gradient; None: no limit.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Optimisation:
         self._average = [tensor.detach().clone() for tensor in self._live] if config.ema > 0 else []
 
     def step(self, loss: Tensor, step: int, backward: Callable[[Tensor], None] = Tensor.backward) -> None:
-        """One update; ``backward`` fills the gradients of a loss."""
+        """Update the module once; ``backward`` computes the gradients of the loss."""
         for group in self._adam.param_groups:
             group["lr"] = self._rate(step)
         self._adam.zero_grad(set_to_none=True)
@@ -91,7 +91,7 @@ class Optimisation:
                 average.lerp_(live, 1 - decay)
 
     def swap(self) -> None:
-        """Exchange the live weights and their average, if one is kept; calling it twice changes nothing."""
+        """Exchange the live weights and their average, if there is one; a second call undoes the first."""
         with torch.no_grad():
             for live, average in zip(self._live, self._average):
                 kept = live.clone()
@@ -107,7 +107,7 @@ class Optimisation:
                 yield f"adam.{i}.{key}", value
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over what :meth:`state` gave."""
+        """Restore the tensors that :meth:`state` gave."""
         with torch.no_grad():
             for i, average in enumerate(self._average):
                 average.copy_(tensors[f"average.{i}"])

@@ -1,4 +1,4 @@
-"""The folder of one training: configuration, metrics, TensorBoard events and checkpoints, all safe against a kill."""
+"""The folder of one training: configuration, metrics, TensorBoard events and checkpoints; a kill damages none."""
 
 import hashlib
 import json
@@ -28,7 +28,7 @@ from ocplanner.files.records.metrics import (
 from ocplanner.files.storage import atomic_write, writing
 
 _FREE = ("threads", "device")
-"""Settings that may change between a stop and its continuation."""
+"""Settings that may change when a training is resumed."""
 
 
 class RunFolder:
@@ -41,7 +41,7 @@ class RunFolder:
         self._board: SummaryWriter | None = None
 
     def claim(self, config: RunConfig) -> None:
-        """Write ``config.yaml``, or check that the one there says the same; without a checkpoint drop the metrics.
+        """Write ``config.yaml``, or check that it holds the same settings; without a checkpoint, delete the metrics.
 
         Raises:
             TrainingError: the file is damaged, or the folder belongs to a training with other settings or data.
@@ -56,10 +56,10 @@ class RunFolder:
             if changed:
                 raise TrainingError(
                     f"{self.path} belongs to another training ({'; '.join(changed[:4])}); "
-                    "choose another --run, or remove the folder to start anew"
+                    "choose another --run, or remove the folder to start again"
                 )
         write_config(path, config)
-        if not self._checkpoint("latest").exists():  # training begins anew: rows of a killed one would stand twice
+        if not self._checkpoint("latest").exists():  # training starts again: rows of a killed run would appear twice
             (self.path / METRICS).unlink(missing_ok=True)
 
     # -- checkpoints -----------------------------------------------------------------------------------------------
@@ -72,7 +72,7 @@ class RunFolder:
             temporary.write_bytes(save(plain, metadata={"facts": json.dumps(told)}))
 
     def load(self, name: str) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
-        """The tensors and facts of a checkpoint; None when there is none.
+        """The tensors and facts of a checkpoint; None if it does not exist.
 
         Raises:
             TrainingError: the file is damaged.
@@ -84,7 +84,7 @@ class RunFolder:
             with safe_open(path, framework="pt") as file:
                 facts = json.loads((file.metadata() or {})["facts"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-            if facts.pop("sha256", None) not in (None, _checksum(tensors, facts)):  # none: by an older version
+            if facts.pop("sha256", None) not in (None, _checksum(tensors, facts)):  # None: written by an older version
                 raise ValueError("its checksum is wrong")
         except (SafetensorError, OSError, LookupError, TypeError, AttributeError, ValueError) as error:
             raise TrainingError(f"{path} is damaged ({error}); remove {path.parent} to train from the start") from error
@@ -96,7 +96,7 @@ class RunFolder:
     # -- metrics ---------------------------------------------------------------------------------------------------
 
     def rewind(self, order: tuple[str, ...], stage: str, step: int) -> None:
-        """Drop the rows recorded after a checkpoint, which training will write again."""
+        """Delete the rows recorded after a checkpoint, because training will write them again."""
         reached = (order.index(stage), step)
         steps = [row for row in self.rows() if isinstance(row, StepMetrics) and row.stage in order]
         write_metrics(self.path / METRICS, [row for row in steps if (order.index(row.stage), row.step) <= reached])

@@ -1,4 +1,4 @@
-"""How long a stage of training lasts, and the curve of the learning rate."""
+"""The length of a stage of training, and its learning rate."""
 
 import math
 from dataclasses import dataclass
