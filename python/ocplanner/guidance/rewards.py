@@ -137,7 +137,7 @@ def plan_reward(
     if not FURTHER_TERMS:
         return Rewards(*config.law.rewards(planned, achieved, grasping, terminal=terminal))
     errors = {name: np.where(grasping, term.error(planned, achieved), 0.0) for name, term in FURTHER_TERMS.items()}
-    further = sum(getattr(config, FURTHER_TERMS[name].weight) * error for name, error in errors.items())
+    further = np.sum([getattr(config, FURTHER_TERMS[name].weight) * error for name, error in errors.items()], axis=0)
     found = config.law.rewards(planned, achieved, grasping, further=further, terminal=terminal)
     return Rewards(*found, errors)
 
