@@ -29,7 +29,7 @@ _LAZY = {
     "PlanReward": "ocplanner.guidance.live_reward",
     "Planner": "ocplanner.planner.planner",
     "Policy": "ocplanner.policies.policy",
-    "PolicyResult": "ocplanner.policies.result",
+    "PolicyResult": "ocplanner.files.records.evaluation",
     "Pose": "ocplanner.geometry.pose",
     "RewardConfig": "ocplanner.guidance.rewards",
     "TransferConfig": "ocplanner.zero_shot.settings",

@@ -19,14 +19,13 @@ import torch
 
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs.environment import make_env
-from ocplanner.files.records.labels import LabelRecord
+from ocplanner.files.records.render import RenderRecord
 from ocplanner.files.storage import atomic_json
 from ocplanner.guidance.live_hint import LiveHint
 from ocplanner.planner.planner import Planner
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.rollout import PolicyRollout
 from ocplanner.rollouts.intervals import wilson
-from ocplanner.settings import build
 from ocplanner.versions import installed
 
 FIRST_SEED = 50000
@@ -54,13 +53,11 @@ def relay(grasp: PolicyRollout, carry: PolicyRollout, seed: int, horizon: int) -
 def measure(grasp: Path, carry: Path, planner: Planner, episodes: int, horizon: int) -> dict[str, Any]:
     """Outcomes of one policy's episodes."""
     policy = Policy.load(carry)
-    seen, render = policy.training.observation, policy.config["render"] or {}
-    visual, observe = render.get("visual", "fast"), render.get("observe", "full")
-    task, robot = policy.config["task"], policy.config["robots"][0]
+    seen, render = policy.training.observation, policy.header.render or RenderRecord()
+    visual, observe = render.visual or "fast", render.observe
+    task, robot = policy.header.task, policy.header.robots[0]
     with make_env(task, robot, cameras=seen.cameras, image_size=seen.image_size, visual=visual, observe=observe) as env:
-        hint = (
-            LiveHint(env, planner, build(LabelRecord, policy.config["labels"])) if policy.training.reads_hints else None
-        )
+        hint = LiveHint(env, planner, policy.header.labels) if policy.training.reads_hints else None
         rollouts = PolicyRollout(env, Policy.load(grasp)), PolicyRollout(env, policy, hint)
         seeds = range(FIRST_SEED, FIRST_SEED + episodes)
         outcomes = Counter(relay(*rollouts, seed, horizon) for seed in seeds)
@@ -68,7 +65,7 @@ def measure(grasp: Path, carry: Path, planner: Planner, episodes: int, horizon: 
     held = sum(outcomes.values())
     return {
         "policy": str(carry),
-        "hint": policy.config["training"]["network"]["hint"],
+        "hint": policy.header.training["network"]["hint"],
         "low_dim": list(seen.low_dim),
         "cameras": list(seen.cameras),
         "held": held,

@@ -70,7 +70,7 @@ def ranked_from(steps: Sequence[int], areas: Sequence[float]) -> int | None:
 def follow(run: Path, successes: Path, failures: Sequence[Path]) -> dict[str, Any]:
     """The ranking of every policy that a run kept."""
     policies = [Policy.load(path) for path in checkpoints(run)]
-    steps = [int(policy.config["step"]) for policy in policies]
+    steps = [policy.header.step for policy in policies]
     good, bad = episodes(policies[0], successes), {path.stem: episodes(policies[0], path) for path in failures}
     kept = [ranking(policy, good, bad) for policy in policies]
     first = {

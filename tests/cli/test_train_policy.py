@@ -123,7 +123,7 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
     flags = ["--steps", "3", "--save-every", "2", "--batch", "8"]
     assert main(["train-policy", "--data", str(tiny_square()), "--run", str(tmp_path / "run"), *flags]) == 0
     path = capsys.readouterr().out.strip()
-    assert Policy.load(path).config["task"] == "Square"
+    assert Policy.load(path).header.task == "Square"
     assert main(["info", path, "--json"]) == 0
     assert '"kind": "policy"' in capsys.readouterr().out
 

@@ -68,7 +68,7 @@ def test_our_networks_compute_what_robomimics_do(trained, labelled, tmp_path, rn
     policy = Policy.load(export_policy(checkpoint, tmp_path / "policy.safetensors"))
     assert policy.training.algorithm == ("bc-rnn" if rnn else "bc")
     assert (policy.training.network.hint is not None) == kind.get("hint", False)
-    assert policy.config["step"] == (3 if kind.get("image") else 6)
+    assert policy.header.step == (3 if kind.get("image") else 6)
     with h5py.File(labelled) as file:
         seen = {key: file[f"data/demo_2/obs/{key}"][()] for key in policy.observation_keys}
     steps = (38, 39, 40, 41)
@@ -99,7 +99,7 @@ def test_the_command_writes_a_policy_that_acts(trained, labelled, tmp_path, monk
     with h5py.File(labelled) as file:
         action = policy.act({key: file[f"data/demo_2/obs/{key}"][40:41] for key in policy.observation_keys})
     assert action.shape == (1, 7)
-    assert policy.config["labels"]["settings"]["horizon_steps"] == [1, 4]
+    assert policy.header.labels["settings"]["horizon_steps"] == [1, 4]
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path, monkeypatch, capsys):

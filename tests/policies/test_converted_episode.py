@@ -1,6 +1,6 @@
 import json
 import shutil
-from types import MappingProxyType
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -40,7 +40,7 @@ def test_what_a_later_robosuite_records_is_put_in_the_policys_order(policy, tmp_
         np.testing.assert_allclose(episode.low_dim[:, :3], positions, atol=1e-6)
         np.testing.assert_allclose(episode.low_dim[:, 14:17], demo.eef_positions, atol=1e-6)
         np.testing.assert_allclose(episode.actions, demo.actions, atol=1e-6)  # the Panda's base stands straight
-        assert demo.object_layout() == "relative-first" != policy.config["object_layout"]
+        assert demo.object_layout() == "relative-first" != policy.header.object_layout
 
 
 def test_actions_are_rescaled_and_turned(policy, tiny_square, tmp_path, monkeypatch):
@@ -59,7 +59,7 @@ def test_actions_are_rescaled_and_turned(policy, tiny_square, tmp_path, monkeypa
         np.testing.assert_allclose(found[:, :2], 2 * actions[:, [1, 0]] * [-1, 1], atol=1e-6)
         np.testing.assert_allclose(found[:, 5:], actions[:, 5:] * [0.5, 1], atol=1e-6)
         based = Policy.load(policy.path)
-        based.config = MappingProxyType({**policy.config, "action_frame": "base"})
+        based.header = replace(policy.header, action_frame="base")
         np.testing.assert_allclose(load_episode(based, demos, "demo_2").actions[:, 0], 2 * actions[:, 0], atol=1e-6)
     with (
         Demonstrations(tiny_square("1.4.1")) as demos,
@@ -70,6 +70,6 @@ def test_actions_are_rescaled_and_turned(policy, tiny_square, tmp_path, monkeypa
 
 def test_another_task_is_refused(policy, tiny_square, tmp_path):
     based = Policy.load(policy.path)
-    based.config = MappingProxyType({**policy.config, "task": "Can"})
+    based.header = replace(policy.header, task="Can")
     with Demonstrations(tiny_square("1.4.1")) as demos, pytest.raises(MismatchError, match="shows Square, but"):
         load_episode(based, demos, "demo_2")

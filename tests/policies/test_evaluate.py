@@ -1,15 +1,14 @@
 import json
 
-import numpy as np
 import pytest
 
 from ocplanner import evaluate_policy
 from ocplanner.cli import main
 from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, OutputError
-from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.records.evaluation import EvaluationSettings
 from ocplanner.policies import evaluate
-from ocplanner.policies.result import Checkpoint, PolicyResult
 from ocplanner.policies.train import train_policy
+from ocplanner.rollouts.settings import WorkerSettings
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +18,9 @@ def run_folder(tiny_square, tmp_path_factory, small):
     return folder
 
 
-def short(folder, out=None, **options):
-    return evaluate_policy(folder, episodes=2, horizon=3, seed_start=30000, out=out, **options)
+def short(folder, out=None, last=None, **options):
+    settings = EvaluationSettings(episodes=2, last=last, horizon=3, seed_start=30000)
+    return evaluate_policy(folder, settings=settings, out=out, **options)
 
 
 def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
@@ -39,7 +39,8 @@ def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
         "steps": 3,
         "failure": "missed grasp",
     }
-    assert (written["seed_start"], written["horizon"], written["last_five_checkpoints"]) == (30000, 3, 2)
+    assert written["settings"] == {"episodes": 2, "last": None, "seed_start": 30000, "horizon": 3}
+    assert (written["format"], written["privileged"], written["last_five_checkpoints"]) == (2, ["object pose"], 2)
     assert [checkpoint.step for checkpoint in short(run_folder / "policies", last=1).checkpoints] == [20]
     assert not (tmp_path / "out.json.journal").exists()
 
@@ -51,7 +52,7 @@ def test_bcq_is_evaluated_as_the_others_are(tiny_square, tmp_path, small):
 
 
 def test_workers_change_nothing(run_folder):
-    assert short(run_folder, workers=2).checkpoints == short(run_folder).checkpoints
+    assert short(run_folder, workers=WorkerSettings(2)).checkpoints == short(run_folder).checkpoints
 
 
 def test_a_stopped_evaluation_goes_on(run_folder, tmp_path, monkeypatch):
@@ -66,21 +67,21 @@ def test_a_stopped_evaluation_goes_on(run_folder, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         short(run_folder, out, on_episode=stop)
     played = []
-    play = evaluate.PolicyStage.play
-    monkeypatch.setattr(evaluate.PolicyStage, "play", lambda self, seed: played.append(seed) or play(self, seed))
+    play = evaluate.EvaluationWorker.play
+    monkeypatch.setattr(evaluate.EvaluationWorker, "play", lambda self, seed: played.append(seed) or play(self, seed))
     assert short(run_folder, out).checkpoints == whole.checkpoints
     assert played == [30003]
 
 
 def test_refuses_what_does_not_fit(run_folder, tiny_square, tmp_path):
     with pytest.raises(InvalidValueError, match="at least 1"):
-        evaluate_policy(run_folder, episodes=0)
+        EvaluationSettings(episodes=0)
     with pytest.raises(ModelFileError, match=r"no policies/step_\*\.safetensors"):
         evaluate_policy(tmp_path)
-    with pytest.raises(MismatchError, match="needs no planner"):
+    with pytest.raises(MismatchError, match="drop the planner"):
         evaluate_policy(run_folder, tmp_path / "planner.safetensors")
     with pytest.raises(InvalidValueError, match="is a single policy"):
-        evaluate_policy(run_folder / "policy.safetensors", last=2)
+        short(run_folder / "policy.safetensors", last=2)
     with pytest.raises(ModelFileError, match="it is an HDF5 file, perhaps a data set"):
         evaluate_policy(tiny_square())
     short(run_folder, tmp_path / "out.json")
@@ -96,15 +97,3 @@ def test_the_command(run_folder, capsys):
     assert "step 20: 0/1 succeeded" in said
     assert (run_folder / "evaluation.json").exists()
     assert main(["evaluate", *flags]) == 2
-
-
-def test_best_and_last_five():
-    rates = [0, 10, 5, 5, 4, 6, 5]
-    checkpoints = tuple(
-        Checkpoint(step, "", tuple(EpisodeResult(seed, seed < rate, 1, None, None) for seed in range(10)))
-        for step, rate in enumerate(rates)
-    )
-    result = PolicyResult("Square", "Panda", "bc", {}, None, None, 10, checkpoints, "", {})
-    assert result.best == 1.0
-    np.testing.assert_allclose(result.last_five, 0.5)
-    assert "best 100.0 %, mean of the last 5 50.0 %" in str(result)

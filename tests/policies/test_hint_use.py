@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from ocplanner import Demonstrations, Policy
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError
+from ocplanner.files.records.render import RenderRecord
 from ocplanner.policies.hint_use import HintUse, hint_use, mean_share
 from ocplanner.policies.observation import Observation
 from random_policy import HELD, random_training, write_labelled, write_random_policy
@@ -104,6 +107,6 @@ def test_what_does_not_fit_is_refused(labelled, tiny_square, tmp_path):
 def test_pictures_of_another_observation_are_refused(labelled, tmp_path):
     data = labelled()
     policy = loaded(tmp_path, data, "bc", (5,), ("agentview",))
-    policy.config = {**policy.config, "render": {"observe": "masked"}}
+    policy.header = replace(policy.header, render=RenderRecord("masked"))
     with Demonstrations(data) as demos, pytest.raises(MismatchError, match="shows observe=full"):
         hint_use(policy, demos, "demo_0")

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,9 @@ from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import save_policy
 from ocplanner.settings import to_dict
+from random_policy import header_of
 
+FORMAT_1 = Path(__file__).parent / "format_1"
 WIDTHS = {"object": 14, "robot0_eef_pos": 3, "robot0_eef_quat": 4, "robot0_gripper_qpos": 2}
 
 
@@ -20,7 +24,7 @@ def saved(tmp_path, small):
         config = small(algorithm, **settings)
         actor = make_network(config, 23, 7).eval()
         path = tmp_path / "policy.safetensors"
-        save_policy(actor, {"low_dim": 23, "actions": 7, "training": to_dict(config)}, path)
+        save_policy(actor, header_of(config), path)
         return path, actor
 
     return make
@@ -145,41 +149,24 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path, small, change, messa
     training = to_dict(config)
     training["network"] |= change
     path = tmp_path / "policy.safetensors"
-    save_policy(make_network(config, 23, 7), {"low_dim": 23, "actions": 7, "training": training}, path)
+    save_policy(make_network(config, 23, 7), header_of(config, training=training), path)
     with pytest.raises(ModelFileError, match=message):
         Policy.load(path)
 
 
-SETUP = {
-    "task": "Square",
-    "robots": ["Panda"],
-    "step": 20,
-    "render": None,
-    "labels": None,
-    "action_frame": "base",
-    "action_scale": {"position": 0.05, "rotation": 0.5},
-    "object_layout": None,
-}
-
-
 @pytest.mark.parametrize(
-    ("key", "value"),
+    ("algorithm", "expected"),
     [
-        *[("task", {}), ("robots", []), ("robots", [1]), ("step", "x"), ("render", []), ("labels", 1)],
-        *[("action_scale", None), ("action_scale", {}), ("action_frame", 1), ("object_layout", {})],
+        ("bc-rnn", [1.0, 0.7624, 1.0, 0.894, 1.0, 1.0, -0.1382]),
+        ("bcq", [-0.5104, -0.9998, -0.9467, 1.0, -0.568, -0.9643, -0.9998]),
     ],
 )
-def test_the_setup_is_checked(tmp_path, small, key, value):
-    config = small("bc")
-    path = tmp_path / "policy.safetensors"
-    description = {**SETUP, "low_dim": 23, "actions": 7, "training": to_dict(config)}
-    network = make_network(config, 23, 7)
-    save_policy(network, description, path)
-    Policy.load(path).check_setup()
-    save_policy(network, {**description, key: value}, path)
-    with pytest.raises(ModelFileError, match=f"policy.safetensors: its {key} "):
-        Policy.load(path).check_setup()
-    del description[key]
-    save_policy(network, description, path)
-    with pytest.raises(ModelFileError, match=f"policy.safetensors: its {key} "):
-        Policy.load(path).check_setup()
+def test_files_of_format_1_act_as_they_did(algorithm, expected):
+    """Trained for two steps, and asked for five actions, by the last version that wrote this format."""
+    policy = Policy.load(FORMAT_1 / f"{algorithm}.safetensors")
+    assert (policy.header.task, policy.header.robots, policy.header.step) == ("Square", ("Panda",), 2)
+    rng = np.random.default_rng(0)
+    policy.reset(3)
+    for _ in range(5):
+        action = policy.act({key: rng.uniform(size=(1, width)) for key, width in (WIDTHS | {"ocp_hint": 13}).items()})
+    np.testing.assert_allclose(action[0], expected, atol=1e-3)

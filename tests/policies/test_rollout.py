@@ -4,31 +4,21 @@ import pytest
 from ocplanner.control.grasp_detection import GraspDetector
 from ocplanner.envs import make_env
 from ocplanner.errors import MismatchError
+from ocplanner.files.records.labels import ActionScale
 from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.rollout import PolicyRollout
-from ocplanner.settings import to_dict
-
-ABOUT = {
-    "object_layout": "absolute-first",
-    "action_frame": "world",
-    "action_scale": {"position": 0.05, "rotation": 0.5},
-    "labels": None,
-}
+from random_policy import header_of
 
 
 @pytest.fixture
 def policy(tmp_path, small):
-    """``policy(**about)``: an untrained policy."""
+    """``policy(**changes)``: an untrained policy."""
 
-    def make(algorithm="bc", hint=None, **about):
+    def make(algorithm="bc", hint=None, **changes):
         config = small(algorithm, hint)
         path = tmp_path / "policy.safetensors"
-        save_policy(
-            make_network(config, 23, 7),
-            {**ABOUT, "low_dim": 23, "actions": 7, "training": to_dict(config), **about},
-            path,
-        )
+        save_policy(make_network(config, 23, 7), header_of(config, **changes), path)
         return Policy.load(path)
 
     return make
@@ -50,7 +40,7 @@ class Says:
 @pytest.mark.parametrize("robot", ["Panda", "Sawyer"])
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_a_recorded_frame_and_scale_are_kept_on_any_arm(policy, robot, scale):
-    scales = {"position": 0.05 * scale, "rotation": 0.5 * scale}
+    scales = ActionScale(0.05 * scale, 0.5 * scale)
     along = []
     with make_env("Square", robot, cameras=()) as env:
         rollout = PolicyRollout(env, Says(policy(action_scale=scales), [0, 0.5, 0, 0, 0, 0, -1]))
@@ -88,7 +78,7 @@ def test_episodes_repeat(policy):
 def test_refuses_what_cannot_be_carried_out(policy):
     with make_env("Square", "Panda", cameras=()) as env:
         with pytest.raises(MismatchError, match="no OSC_POSE deltas"):
-            PolicyRollout(env, policy(action_frame=None))
+            PolicyRollout(env, policy(action_frame=None, action_scale=None))
         with pytest.raises(MismatchError, match="reads hints"):
             PolicyRollout(env, policy(hint=(1,)))
         with pytest.raises(MismatchError, match="object, which cannot be had live"):

@@ -46,10 +46,10 @@ def test_a_run_folder_holds_everything(tiny_square, tmp_path, small):
     assert list((folder / "tensorboard").glob("events*"))
     loaded = Policy.load(policy)
     assert loaded.training == config
-    assert loaded.config["training"] == to_dict(config)
-    assert {key: loaded.config[key] for key in ("task", "object_layout", "step", "seed", "robots")} == {
-        "task": "Square", "object_layout": "absolute-first", "step": 20, "seed": 0, "robots": ["Panda"]
-    }  # fmt: skip
+    header = loaded.header
+    assert header.training == to_dict(config)
+    assert (header.task, header.robots, header.object_layout) == ("Square", ("Panda",), "absolute-first")
+    assert (header.algorithm, header.step, header.seed) == ("bc-rnn", 20, 0)
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "bc-rnn"])
@@ -163,8 +163,8 @@ def test_the_labels_travel_with_the_policy_and_must_fit_it(tiny_square, tmp_path
     ):
         train_policy(small(hint=(1,)), data, tmp_path / "run")
     hinted = Policy.load(train_policy(small(hint=(5,)), data, tmp_path / "hinted"))
-    assert build(LabelRecord, hinted.config["labels"]) == build(LabelRecord, labels)
-    assert Policy.load(train_policy(small(), data, tmp_path / "plain")).config["labels"] is None
+    assert hinted.header.labels == build(LabelRecord, labels)
+    assert Policy.load(train_policy(small(), data, tmp_path / "plain")).header.labels is None
 
 
 def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch, small):

@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.policies.result import Checkpoint, PolicyResult
+from ocplanner.files.records.labels import LabelRecord
 from ocplanner.settings import to_dict
-from random_policy import random_training
+from random_policy import random_training, result_of
 
 
 @pytest.fixture
@@ -70,22 +69,10 @@ def write_evaluation(tmp_path):
     def write(
         name: str, successes=(2, 6, 4), *, hint=None, seed=0, step=100, origin="object", rewards=None, **settings
     ) -> Path:
-        training = to_dict(replace(random_training(hint=hint, seed=seed), **settings))
-        labels = None if hint is None else {"settings": {"horizon_steps": list(hint), "hint_from": origin}}
-        checkpoints = tuple(
-            Checkpoint(
-                step=step * (i + 1),
-                sha256=f"{name} {i}",
-                runs=tuple(EpisodeResult(20000 + 10 * i + j, j < good, 150, None, None) for j in range(10)),
-            )
-            for i, good in enumerate(successes)
-        )
-        command, versions = "ocplanner evaluate --policy runs/bc", {"mujoco": "3.7.0"}
+        training = replace(random_training(hint=hint, seed=seed), **settings)
+        labels = None if hint is None else LabelRecord("cd" * 32, {"horizon_steps": list(hint), "hint_from": origin})
         planner = None if hint is None else "cd" * 32
-        result = PolicyResult(
-            "Square", "Panda", training["algorithm"], training, labels, planner, 10, checkpoints, command, versions,
-            rewards=rewards,
-        )  # fmt: skip
+        result = result_of(training, successes, step=step, labels=labels, rewards=rewards, planner_sha256=planner)
         return result.save(tmp_path / f"{name}.json")
 
     return write

@@ -6,7 +6,7 @@ from ocplanner.errors import InvalidValueError
 from ocplanner.report.policy_curves import policy_curves, success_curves
 from ocplanner.report.policy_results import policy_cells, read_evaluation
 from ocplanner.report.runs import read_run
-from ocplanner.rollouts.intervals import wilson
+from ocplanner.rollouts.intervals import seed_level_interval, wilson
 
 
 def drawn(*paths):
@@ -23,9 +23,10 @@ def test_seeds_are_thin_lines_around_the_mean_with_its_interval(write_evaluation
     assert all(line.get_linewidth() < mean.get_linewidth() for line in seeds)
     (band,) = axes.collections
     edges = band.get_paths()[0].vertices
-    for step, count in ((100, 6), (200, 14)):
+    for step, good in ((100, (2, 4)), (200, (6, 8))):
         at = edges[edges[:, 0] == step, 1]
-        np.testing.assert_allclose([at.min(), at.max()], wilson(count, 20))
+        expected = seed_level_interval([np.arange(10) < successes for successes in good])
+        np.testing.assert_allclose([at.min(), at.max()], expected)
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["no hint, 2 seeds"]
 
 

@@ -1,13 +1,15 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.records.labels import LabelRecord
 from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.config import preset
 from ocplanner.report.policy_results import PolicyKind, policy_cells, policy_kind, read_evaluation
-from ocplanner.rollouts.intervals import wilson
-from ocplanner.settings import to_dict
+from ocplanner.rollouts.intervals import seed_level_interval, wilson
 from random_policy import random_training
 
 
@@ -16,10 +18,11 @@ def cells_of(*paths):
 
 
 def test_policies_are_named_by_what_they_are(write_evaluation):
-    images = to_dict(random_training("bc-rnn", (1, 5), ("agentview",)))
+    images = random_training("bc-rnn", (1, 5), ("agentview",))
     assert policy_kind(images) == PolicyKind("BC-RNN", "image", "k = 1, 5")
     for sampler, name in {"vae": "BCQ", "gmm": "BCQ-GMM", "policy": "BCQ-BC"}.items():
-        assert policy_kind({"algorithm": "bcq", "bcq": {"sampler": sampler}}).algorithm == name
+        own = BCQConfig(sampler=sampler, sampler_sha256="ab" if sampler == "policy" else None)
+        assert policy_kind(replace(preset("cpu", "bcq"), algorithm_settings=own)).algorithm == name
     kind = read_evaluation(write_evaluation("a", hint=(5,), origin="plan")).kind
     assert str(kind) == "BC, state, hint k = 5 from the plan"
     assert str(read_evaluation(write_evaluation("b")).kind) == "BC, state, no hint"
@@ -36,7 +39,7 @@ def test_seeds_are_grouped_and_other_settings_are_not(write_evaluation):
 
 
 def test_critics_are_grouped_by_their_rewards_whatever_policy_they_stand_above(write_evaluation):
-    made = {"planner_sha256": "ab", "settings": {"reward": "only", "form": "exp"}}
+    made = LabelRecord("ab", {"reward": "only", "form": "exp"})
     paths = []
     for seed in (0, 1):
         bcq = BCQConfig().proposing("policy", f"{seed}" * 64)
@@ -64,7 +67,22 @@ def test_the_numbers_of_a_cell(write_evaluation):
     steps, rates, intervals = cell.curve()
     assert steps.tolist() == [200]  # the only step at which both were evaluated
     np.testing.assert_allclose(rates, [0.75])
-    np.testing.assert_allclose(intervals, [wilson(15, 20)])
+    assert (intervals[0, 0], intervals[0, 1]) == seed_level_interval([np.arange(10) < 6, np.arange(10) < 9])
+
+
+def test_seeds_that_disagree_widen_the_interval(write_evaluation):
+    """The episodes of a training share its luck: together they are no sample of one binomial distribution."""
+    (cell,) = cells_of(*(write_evaluation(str(seed), [good] * 5, seed=seed) for seed, good in enumerate((2, 5, 8))))
+    low, high = cell.interval
+    pooled = wilson(75, 150)
+    assert low < pooled[0] - 0.05
+    assert high > pooled[1] + 0.05
+    assert (cell.curve()[2][0, 1] - cell.curve()[2][0, 0]) > np.ptp(wilson(15, 30))
+
+
+def test_one_training_has_wilsons_interval_at_each_checkpoint(write_evaluation):
+    (cell,) = cells_of(write_evaluation("a", (2, 6)))
+    np.testing.assert_allclose(cell.curve()[2], [wilson(2, 10), wilson(6, 10)])
 
 
 def test_damage_is_an_error_that_names_the_file(write_evaluation):

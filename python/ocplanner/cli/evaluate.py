@@ -1,6 +1,6 @@
 """``ocplanner evaluate``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +8,9 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
+from ocplanner.files.records.evaluation import EvaluationSettings
 from ocplanner.progress import counting_columns
+from ocplanner.rollouts.settings import WorkerSettings
 
 
 @dataclass(frozen=True)
@@ -22,18 +24,8 @@ class Evaluate:
     """Policy file (.safetensors), or the run folder of `ocplanner train-policy`: every checkpoint in its policies/."""
     planner: Path | None = None
     """The planner that the data set was labelled with; for policies that read hints."""
-    episodes: int = 50
-    """Episodes of each checkpoint."""
-    last: int | None = None
-    """Only the last so many checkpoints of a run folder."""
-    seed_start: int = 20000
-    """Seed of the first episode; the others follow."""
-    horizon: int | None = None
-    """Control steps of an episode instead of the task's."""
-    workers: int = 1
-    """Processes; the result does not depend on it."""
-    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Run the workers on a Ray cluster: HOST:PORT, 'auto', or 'local' for one on this machine."""
+    settings: Annotated[EvaluationSettings, tyro.conf.arg(name="")] = field(default_factory=EvaluationSettings)
+    workers: Annotated[WorkerSettings, tyro.conf.arg(name="")] = field(default_factory=WorkerSettings)
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Result file. Default: evaluation.json in the run folder, or beside the policy file by its name."""
     overwrite: bool = False
@@ -44,30 +36,26 @@ class Evaluate:
         from ocplanner.files.records.episode import EpisodeResult
         from ocplanner.policies.evaluate import checkpoints, evaluate_policy
 
-        paths = checkpoints(self.policy)[-(self.last or 0) :]
+        episodes, paths = self.settings.episodes, checkpoints(self.policy, self.settings.last)
         beside = self.policy.with_name(f"{self.policy.stem}_evaluation.json")
         out = self.out or (self.policy / "evaluation.json" if self.policy.is_dir() else beside)
         console = Console()
         successes: dict[Path, list[bool]] = {}
         with Progress(*counting_columns(), console=console, disable=not console.is_terminal) as progress:
-            bar = progress.add_task("evaluating", total=self.episodes * len(paths))
+            bar = progress.add_task("evaluating", total=episodes * len(paths))
 
             def count(path: Path, run: EpisodeResult) -> None:
                 seen = successes.setdefault(path, [])
                 seen.append(run.success)
                 progress.update(bar, advance=1, description=f"{path.stem}: {sum(seen)} of {len(seen)}")
-                if not console.is_terminal and len(seen) == self.episodes:
+                if not console.is_terminal and len(seen) == episodes:
                     console.print(f"{path.stem}: {sum(seen)}/{len(seen)}")
 
             result = evaluate_policy(
                 self.policy,
                 self.planner,
-                episodes=self.episodes,
-                last=self.last,
-                seed_start=self.seed_start,
-                horizon=self.horizon,
+                self.settings,
                 workers=self.workers,
-                ray=self.ray,
                 out=out,
                 overwrite=self.overwrite,
                 on_episode=count,

@@ -26,16 +26,14 @@ def load_episode(policy: Policy, demos: Demonstrations, name: str) -> Samples:
         DatasetError: an observation is missing or of another size.
         MismatchError: another task than the policy's, or actions that cannot be turned into its frame.
     """
-    config, demo = policy.config, demos[name]
-    if demos.task_name != config["task"]:
-        raise MismatchError(f"{demos.path} shows {demos.task_name}, but {policy.path} was trained on {config['task']}")
+    header, demo = policy.header, demos[name]
+    if demos.task_name != header.task:
+        raise MismatchError(f"{demos.path} shows {demos.task_name}, but {policy.path} was trained on {header.task}")
     samples = load_samples(demos, [name], policy.training)
     low_dim, actions = samples.low_dim, samples.actions
-    if "object" in policy.training.observation.low_dim and demo.object_layout() != config["object_layout"]:
+    if "object" in policy.training.observation.low_dim and demo.object_layout() != header.object_layout:
         low_dim = _swapped(low_dim, demo, policy.training.observation.low_dim)
-    if config["action_frame"] is not None:
-        actions = _in_frame(actions, policy, demos, demo)
-    return replace(samples, low_dim=low_dim, actions=actions)
+    return replace(samples, low_dim=low_dim, actions=_in_frame(actions, policy, demos, demo))
 
 
 def _swapped(low_dim: Tensor, demo: Demonstration, keys: tuple[str, ...]) -> Tensor:
@@ -49,9 +47,11 @@ def _swapped(low_dim: Tensor, demo: Demonstration, keys: tuple[str, ...]) -> Ten
 
 
 def _in_frame(actions: Tensor, policy: Policy, demos: Demonstrations, demo: Demonstration) -> Tensor:
-    wanted, scale = policy.config["action_frame"], policy.config["action_scale"]
+    wanted, scale = policy.header.action_frame, policy.header.action_scale
+    if wanted is None or scale is None:
+        return actions
     with ActionFrame(demos) as frame:
-        factors = frame.scale.position / scale["position"], frame.scale.rotation / scale["rotation"]
+        factors = frame.scale.position / scale.position, frame.scale.rotation / scale.rotation
         if frame.name == wanted and factors == (1.0, 1.0):
             return actions
         if frame.name != wanted and wanted != "world":

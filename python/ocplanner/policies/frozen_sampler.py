@@ -1,11 +1,10 @@
 """BCQ above a policy that BC trained before: what it takes over, and whether the data fit."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ocplanner.errors import MismatchError
+from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import PolicyTraining, Preset, preset
 from ocplanner.policies.policy import Policy
@@ -40,20 +39,21 @@ def frozen_sampler_training(policy: Policy, name: Preset = "cpu") -> PolicyTrain
     return replace(base, observation=training.observation, network=training.network, algorithm_settings=bcq, **small)
 
 
-def check_recorded(policy: Policy, about: Mapping[str, Any], data: Path) -> None:
+def check_recorded(policy: Policy, header: PolicyHeader, data: Path) -> None:
     """Check that a data set is of the policy's task, arm, observations and actions.
 
     Args:
         policy: what proposes.
-        about: what the data set says about itself.
+        header: what a policy trained on the data set says about it.
         data: its file.
 
     Raises:
         MismatchError: naming the first that is not so.
     """
     for key in _SAME:
-        if about[key] != policy.config[key]:
+        found, wanted = getattr(header, key), getattr(policy.header, key)
+        if found != wanted:
             raise MismatchError(
-                f"{data}: its {key} is {about[key]!r}, that of {policy.path} is {policy.config[key]!r}; "
+                f"{data}: its {key} is {found!r}, that of {policy.path} is {wanted!r}; "
                 "give the data set that the policy was trained on, or a copy of it with rewards"
             )

@@ -10,6 +10,7 @@ from torch import Tensor
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.files.records.labels import LabelRecord
+from ocplanner.files.records.render import RenderRecord
 from ocplanner.guidance.settings import LabelSettings
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HintConfig
@@ -18,7 +19,6 @@ from ocplanner.policies.hint import displacements
 from ocplanner.policies.network import PolicyNetwork
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import Policy
-from ocplanner.settings import build
 
 
 @dataclass(frozen=True)
@@ -115,15 +115,15 @@ def check_fits(policy: Policy, demos: Demonstrations) -> HintConfig:
     hint = policy.training.network.hint
     if hint is None:
         raise InvalidValueError(f"{policy.path} reads no hint, so there is nothing to see of one; give another policy")
-    labels, own = demos.label_record, policy.config["labels"]
+    labels, own = demos.label_record, policy.header.labels
     found = None if labels is None else _kind(labels)
-    wanted = None if own is None else _kind(build(LabelRecord, own, ignore_unknown=True))
+    wanted = None if own is None else _kind(own)
     if found != wanted:
         raise MismatchError(
             f"{demos.path} has {found or 'no hints on record'}, but {policy.path} learned from "
             f"{wanted or 'hints that `ocplanner label` did not make'}; give the data set that it was trained on"
         )
-    shown, seen = demos.observe, (policy.config["render"] or {}).get("observe", "full")
+    shown, seen = demos.observe, (policy.header.render or RenderRecord()).observe
     if policy.training.observation.cameras and shown != seen:
         raise MismatchError(f"{demos.path} shows observe={shown}, but {policy.path} was trained on {seen}")
     return hint

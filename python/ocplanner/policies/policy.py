@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,49 +15,32 @@ from torch import Tensor
 
 from ocplanner.errors import MismatchError, ModelFileError, ShapeError
 from ocplanner.files.hdf5 import HDF5_MAGIC
+from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.files.storage import atomic_write
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
 from ocplanner.policies.network import PolicyNetwork, make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 
-FORMAT = 1
-_SETUP: dict[str, Any] = {
-    "task": str,
-    "robots": list,
-    "step": int,
-    "render": dict | None,
-    "labels": dict | None,
-    "action_frame": str | None,
-    "action_scale": dict | None,
-    "object_layout": str | None,
-}
-"""What a policy's file says about the recordings, for those who let it act in an environment."""
 
-
-def save_policy(network: PolicyNetwork, description: Mapping[str, Any], path: Path) -> None:
+def save_policy(network: PolicyNetwork, header: PolicyHeader, path: Path) -> None:
     """Write a policy file atomically.
-
-    Args:
-        network: the network.
-        description: what :class:`Policy` gives as ``config``; JSON.
-        path: the file to write.
 
     Raises:
         OutputError: it cannot be written.
     """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
-    metadata = {"ocplanner": json.dumps({"format": FORMAT, "kind": "policy", "config": dict(description)})}
     with atomic_write(path) as temporary:
-        temporary.write_bytes(save(tensors, metadata=metadata))
+        temporary.write_bytes(save(tensors, metadata=header.metadata()))
 
 
 class Policy:
-    """A policy file, loaded on the CPU; one instance acts in one batch of environments at a time.
+    """A policy file, loaded on the CPU. One instance acts in one batch of environments at a time.
 
     Attributes:
         path: the file.
         sha256: its hash.
-        config: the file's whole configuration.
+        header: what the file says about itself.
+        training: the settings that it was trained with.
         observation_keys: what :meth:`act` needs, by the names under ``obs``.
         network: the network.
     """
@@ -67,14 +49,11 @@ class Policy:
         """Use :meth:`load`."""
         self.path, self.sha256 = path, hashlib.sha256(data).hexdigest()
         size = int.from_bytes(data[:8], "little")
-        header = json.loads(json.loads(data[8 : 8 + size])["__metadata__"]["ocplanner"])
-        if header["kind"] != "policy" or header["format"] != FORMAT:
-            raise ValueError(f"it holds a {header['kind']} of format {header['format']}, not a policy of {FORMAT}")
-        self.config: Mapping[str, Any] = MappingProxyType(header["config"])
-        self.training = training_from_dict(self.config["training"])
+        self.header = PolicyHeader.from_metadata(json.loads(data[8 : 8 + size])["__metadata__"])
+        self.training = training_from_dict(self.header.training)
         tensors = load_tensors(data)
-        _check_sizes(self.training, self.config, tensors)
-        self.network = make_network(self.training, self.config["low_dim"], self.config["actions"])
+        _check_sizes(self.training, self.header, tensors)
+        self.network = make_network(self.training, self.header.low_dim, self.header.actions)
         self.network.load_state_dict(tensors)
         self.network.eval()
         seen = self.training.observation
@@ -85,7 +64,7 @@ class Policy:
 
     @classmethod
     def load(cls, path: str | Path) -> "Policy":
-        """Read a policy file made by ``ocplanner train-policy``; nothing in it is unpickled.
+        """Read a policy file made by ``ocplanner train-policy``. Nothing in it is unpickled.
 
         Args:
             path: the ``.safetensors`` file, or the finished run folder.
@@ -101,27 +80,10 @@ class Policy:
             raise ModelFileError(
                 f"{path}: cannot be read: {error.strerror}; give a policy file, or the run folder of a training"
             ) from error
-        except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (ModelFileError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
             raise ModelFileError(
                 f"{path} is no policy file ({_found(path, error)}); write one with `ocplanner train-policy`"
             ) from error
-
-    def check_setup(self) -> None:
-        """Check that the file says in what environment the policy acts.
-
-        Raises:
-            ModelFileError: an entry is missing or of another kind.
-        """
-        for key, kind in _SETUP.items():
-            value = self.config.get(key)
-            if key not in self.config or not isinstance(value, kind):
-                raise ModelFileError(f"{self.path}: its {key} is {value!r}; write it again with `train-policy`")
-        robots, scale = self.config["robots"], self.config["action_scale"]
-        if not robots or not isinstance(robots[0], str):
-            raise ModelFileError(f"{self.path}: its robots are {robots!r}; write it again with `train-policy`")
-        parts = [(scale or {}).get(part) for part in ("position", "rotation")]
-        if self.config["action_frame"] is not None and not all(isinstance(part, int | float) for part in parts):
-            raise ModelFileError(f"{self.path}: its action_scale is {scale!r}; write it again with `train-policy`")
 
     def reset(self, seed: int) -> None:
         """Begin an episode: forget what was seen, and draw actions from this seed."""
@@ -155,17 +117,15 @@ class Policy:
             )
         seen = self.training.observation
         low_dim = low_dim_row(observation, seen.low_dim)
-        if low_dim.ndim != 2 or low_dim.shape[1] != self.config["low_dim"]:
-            raise ShapeError(f"observations {seen.low_dim}: {low_dim.shape}, expected (B, {self.config['low_dim']})")
+        if low_dim.ndim != 2 or low_dim.shape[1] != self.header.low_dim:
+            raise ShapeError(f"observations {seen.low_dim}: {low_dim.shape}, expected (B, {self.header.low_dim})")
         images: dict[str, Tensor] = {}
         for name in seen.cameras:
-            picture = np.asarray(observation[f"{name}_image"])
-            if picture.dtype != np.uint8 or picture.shape[1:] != (seen.image_size, seen.image_size, 3):
+            image = np.asarray(observation[f"{name}_image"])
+            if image.dtype != np.uint8 or image.shape[1:] != (seen.image_size, seen.image_size, 3):
                 size = seen.image_size
-                raise ShapeError(
-                    f"{name}_image: {picture.dtype} {picture.shape}, expected uint8 (B, {size}, {size}, 3)"
-                )
-            images[name] = cropped(picture, seen.crop, None)
+                raise ShapeError(f"{name}_image: {image.dtype} {image.shape}, expected uint8 (B, {size}, {size}, 3)")
+            images[name] = cropped(image, seen.crop, None)
         hint = observation.get(HINT_KEY) if self.training.network.hint is not None else None
         tensor = None if hint is None else torch.from_numpy(np.asarray(hint, dtype=np.float32))
         return Observation(torch.from_numpy(low_dim), images, tensor)
@@ -175,16 +135,16 @@ class Policy:
         return f"Policy({str(self.path)!r}, algorithm={self.training.algorithm!r})"
 
 
-def _check_sizes(training: PolicyTraining, config: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+def _check_sizes(training: PolicyTraining, header: PolicyHeader, tensors: Mapping[str, Tensor]) -> None:
     """Compare the network with the file's tensors before memory is taken for it.
 
     Raises:
-        ValueError: they are of different sizes.
+        ValueError: their sizes differ.
     """
     if max(len(training.network.hidden), training.network.lstm_layers) > len(tensors):
         raise ValueError(f"its configuration has more layers than the {len(tensors)} tensors in it")
     with torch.device("meta"):
-        wanted = make_network(training, config["low_dim"], config["actions"]).state_dict()
+        wanted = make_network(training, header.low_dim, header.actions).state_dict()
     for name in sorted({*wanted, *tensors}):
         sizes = [tuple(found[name].shape) if name in found else None for found in (wanted, tensors)]
         if sizes[0] != sizes[1]:

@@ -45,21 +45,21 @@ class PolicyRollout:
     """
 
     def __init__(self, env: ManipulationEnv, policy: Policy, hint: LiveHint | None = None) -> None:
-        config = policy.config
-        if config["action_frame"] is None:
+        header = policy.header
+        if header.action_frame is None or header.action_scale is None:
             raise MismatchError(
                 f"{policy.path}: its actions are no OSC_POSE deltas of one arm, so they cannot be carried out here"
             )
         if policy.training.reads_hints and hint is None:
             raise MismatchError(f"{policy.path} reads hints: give the planner that its data set was labelled with")
         self.env, self.policy, self.hint = env, policy, hint
-        self._world = config["action_frame"] == "world"
+        self._world = header.action_frame == "world"
         reads = policy.training.network.hint
         self._plan_instead = reads is not None and reads.instead_of_pictures
         self._blank = np.zeros((env.image_size, env.image_size, 3), np.uint8)
-        scale = config["action_scale"]
-        self._scale = (scale["position"] / _SCALE_POSITION, scale["rotation"] / _SCALE_ROTATION)
-        self._order: Order | None = config["object_layout"]
+        scale = header.action_scale
+        self._scale = (scale.position / _SCALE_POSITION, scale.rotation / _SCALE_ROTATION)
+        self._order: Order | None = header.object_layout
         known = (*recorded_observation(env, self._order), HINT_KEY, *(f"{camera}_image" for camera in env.cameras))
         missing = [key for key in policy.observation_keys if key not in known]
         if missing:

@@ -4,15 +4,14 @@ Lightning Fabric starts the processes and averages their gradients. Each process
 number of processes changes a run by rounding only (and by batch normalisation and crops with images).
 """
 
-import json
 import math
 import os
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +21,9 @@ from torch.multiprocessing.spawn import ProcessException
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
+from ocplanner.files.records.labels import ActionScale, FrameName
 from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
+from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.files.storage import locked
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.algorithms import find_algorithm
@@ -49,11 +50,17 @@ _CHECKPOINT_SECONDS = 30.0
 
 
 class Recorded(NamedTuple):
-    """What is learned from: training steps, held-out steps (or None), and what the file says about itself."""
+    """What is learned from.
+
+    Attributes:
+        train: training steps.
+        valid: held-out steps, or None.
+        header: of the policies that will be trained on them, at step 0.
+    """
 
     train: Samples
     valid: Samples | None
-    about: dict[str, Any]
+    header: PolicyHeader
 
 
 def train_policy(
@@ -141,7 +148,7 @@ def _claim(held: ExitStack, folder: RunFolder, config: PolicyTraining, recorded:
     try:
         held.enter_context(locked(folder.path))
         held.callback(folder.close)
-        folder.claim(RunConfig(to_dict(config), recorded.train.digest()))
+        folder.claim(RunConfig(to_dict(config), recorded.header.data))
     except OcplannerError as error:
         return error
     return None
@@ -161,21 +168,27 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
         train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
         valid = _load(demos, held_out, config) if held_out else None
-        record = demos.label_record
-        labels = None if record is None else json.loads(record.to_json())
-        about = {
-            "task": demos.task_name,
-            "environment": demos.env_name,
-            "robots": list(demos.robots),
-            "object_layout": demos[names[0]].object_layout(),
-            **_actions(demos),
-            "render": None if demos.render_record is None else to_dict(demos.render_record),
-            "labels": labels if config.reads_hints else None,
-            "rewards": labels if find_algorithm(config.algorithm).rewards else None,
-            "low_dim": train.low_dim.shape[1],
-            "actions": train.actions.shape[1],
-        }
-        return Recorded(train, valid, about)
+        frame, scale = _actions(demos)
+        header = PolicyHeader(
+            task=demos.task_name,
+            environment=demos.env_name,
+            robots=tuple(demos.robots),
+            object_layout=demos[names[0]].object_layout(),
+            action_frame=frame,
+            action_scale=scale,
+            render=demos.render_record,
+            labels=demos.label_record if config.reads_hints else None,
+            rewards=demos.label_record if find_algorithm(config.algorithm).rewards else None,
+            low_dim=train.low_dim.shape[1],
+            actions=train.actions.shape[1],
+            algorithm=config.algorithm,
+            seed=config.seed,
+            step=0,
+            training=to_dict(config),
+            data=train.digest(),
+            versions=installed(),
+        )
+        return Recorded(train, valid, header)
 
 
 def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:
@@ -185,13 +198,13 @@ def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Sa
     return replace(samples, transitions=load_transitions(demos, names, config))
 
 
-def _actions(demos: Demonstrations) -> dict[str, Any]:
+def _actions(demos: Demonstrations) -> tuple[FrameName, ActionScale] | tuple[None, None]:
     """Frame and scale of the actions, None where they are no end-effector deltas of one arm."""
     try:
         with ActionFrame(demos) as frame:
-            return {"action_frame": frame.name, "action_scale": asdict(frame.scale)}
+            return frame.name, frame.scale
     except MismatchError:
-        return {"action_frame": None, "action_scale": None}
+        return None, None
 
 
 def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: Path | None) -> Policy | None:
@@ -204,7 +217,7 @@ def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: 
     policy = Policy.load(sampler)
     if policy.sha256 != wanted:
         raise MismatchError(f"{sampler} has hash {policy.sha256}, but {wanted} is to propose; give that policy")
-    check_recorded(policy, recorded.about, data)
+    check_recorded(policy, recorded.header, data)
     return policy
 
 
@@ -220,7 +233,7 @@ class _Training:
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = TrainingProgress(shown=self.first)
         self.train, self.valid = recorded.train, recorded.valid
-        network = make_network(config, recorded.about["low_dim"], recorded.about["actions"])
+        network = make_network(config, recorded.header.low_dim, recorded.header.actions)
         if proposing is None:
             fit_encoders(network, recorded.train.low_dim)
         elif isinstance(network, BCQ) and isinstance(network.sampler, TrainedPolicy):
@@ -313,17 +326,8 @@ class _Training:
     def _save_policy(self, path: Path, step: int) -> None:
         if not self.first:
             return
-        description = {
-            **self.recorded.about,
-            "algorithm": self.config.algorithm,
-            "seed": self.config.seed,
-            "step": step,
-            "data": self.recorded.train.digest(),
-            "versions": installed(),
-            "training": to_dict(self.config),
-        }
         self.learner.swap()
-        save_policy(self.learner.network, description, path)
+        save_policy(self.learner.network, replace(self.recorded.header, step=step), path)
         self.learner.swap()
 
     def _save_checkpoint(self, step: int) -> None:

@@ -10,9 +10,9 @@ import yaml
 from markupsafe import Markup
 
 from ocplanner.drawing.style import SERIES, page_colors, page_svg
+from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.records.metrics import HeldOutErrors
 from ocplanner.files.storage import atomic_write
-from ocplanner.policies.result import PolicyResult
 from ocplanner.report.heat_map import cell_text, heat_map
 from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
 from ocplanner.report.noise_plot import noise_series, success_against_noise

@@ -35,8 +35,9 @@ def policy_curves(runs: Sequence[TrainingRun]) -> Figure:
 def success_curves(cells: Sequence[PolicyCell]) -> Figure:
     """Success rate against training step: one panel an algorithm and kind of observation, one line a cell.
 
-    The line is the rate of all training seeds' episodes together, the band (for a single checkpoint, the bar) its 95 %
-    Wilson interval; thin lines are single seeds. A line has the steps at which every seed was evaluated.
+    The line is the mean rate over training seeds, the band (the bar, for a single checkpoint) its 95 % interval, see
+    :meth:`ocplanner.report.policy_results.PolicyCell.curve`; thin lines are single seeds. A line has the steps at which
+    every seed was evaluated.
 
     Raises:
         InvalidValueError: there is no cell.

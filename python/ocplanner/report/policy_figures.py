@@ -167,7 +167,7 @@ def _training_figure(checkpoints: Sequence[Path], demos: Demonstrations) -> Figu
     names, which = _shown(policies[0], demos)
     names = names[:_MOST_DEMONSTRATIONS]
     shares = [mean_share([hint_use(policy, demos, name) for name in names]) for policy in policies]
-    steps = [int(policy.config["step"]) for policy in policies]
+    steps = [policy.header.step for policy in policies]
     episodes = "1 episode" if len(names) == 1 else f"{len(names)} episodes"
     return hint_share_figure(steps, shares, f"{_kind(policies[0])}: {episodes} ({which})")
 
@@ -186,9 +186,9 @@ def _held_out_figure(policy: Policy, demos: Demonstrations) -> Figure:
     for name in names:
         use = hint_use(policy, demos, name)
         if use.held.any():
-            return hint_use_figure(use, f"{_kind(policy)}, step {policy.config['step']}: {name} ({which})")
+            return hint_use_figure(use, f"{_kind(policy)}, step {policy.header.step}: {name} ({which})")
     raise DatasetError(f"{demos.path}: the object is held in none of {', '.join(names[:4])}; label another data set")
 
 
 def _kind(policy: Policy) -> PolicyKind:
-    return policy_kind(policy.config["training"], policy.config["labels"])
+    return policy_kind(policy.training, policy.header.labels)

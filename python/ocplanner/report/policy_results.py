@@ -1,4 +1,4 @@
-"""Read evaluations of policies, and group those that differ only in the training seed."""
+"""Evaluations of policies, grouped where they differ only in the training seed."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -9,8 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ocplanner.errors import ResultFileError
-from ocplanner.policies.result import Checkpoint, PolicyResult
-from ocplanner.rollouts.intervals import wilson
+from ocplanner.files.records.evaluation import PolicyResult
+from ocplanner.files.records.labels import LabelRecord
+from ocplanner.policies.bcq_config import BCQConfig
+from ocplanner.policies.config import HintConfig, PolicyTraining, training_from_dict
+from ocplanner.rollouts.intervals import seed_level_interval
+from ocplanner.settings import to_dict
 
 _OF_ONE_TRAINING = ("seed", "threads", "device")
 """Settings that may differ inside a cell."""
@@ -33,42 +37,46 @@ class PolicyKind(NamedTuple):
         return ", ".join([self.algorithm, self.observations, self.variant])
 
 
-def policy_kind(training: Mapping[str, Any], labels: Mapping[str, Any] | None = None) -> PolicyKind:
-    """Name a policy by its training's configuration, and by how its hints were made where that is known."""
-    cameras = (training.get("observation") or {}).get("cameras")
-    hint = (training.get("network") or {}).get("hint")
-    spoken = ""
-    if hint:
-        origin = "" if labels is None else f" from the {labels['settings']['hint_from']}"
-        spoken = f"k = {', '.join(map(str, hint['horizons']))}{origin}{_use(hint)}"
-    own = training.get("algorithm_settings") or training.get("bcq") or {}
-    sampler = str(own.get("sampler"))
-    algorithm = str(training.get("algorithm", "unknown")).upper() + {"gmm": "-GMM", "policy": "-BC"}.get(sampler, "")
-    return PolicyKind(algorithm, "image" if cameras else "state", spoken)
+def policy_kind(training: PolicyTraining, labels: LabelRecord | None = None) -> PolicyKind:
+    """Name a policy by the settings of its training, and by how its hints were made where that is known."""
+    hint, own = training.network.hint, training.algorithm_settings
+    words = ""
+    if hint is not None:
+        origin = "" if labels is None else f" from the {labels.settings['hint_from']}"
+        words = f"k = {', '.join(map(str, hint.horizons))}{origin}{_use(hint)}"
+    sampler = {"gmm": "-GMM", "policy": "-BC"}.get(own.sampler, "") if isinstance(own, BCQConfig) else ""
+    observations = "image" if training.observation.cameras else "state"
+    return PolicyKind(training.algorithm.upper() + sampler, observations, words)
 
 
-def _use(hint: Mapping[str, Any]) -> str:
-    """What is made of a hint, where that is not the paper's; files say nothing of what came after them."""
-    words = [", steers" if hint.get("steers") else "", ", no pictures" if hint.get("instead_of_pictures") else ""]
-    if hint.get("initial_weight", 1.0) != 1.0:
-        words.append(f", weight {hint['initial_weight']:g}")
-    if hint.get("residual_penalty"):
-        words.append(f", penalty {hint['residual_penalty']:g}")
+def _use(hint: HintConfig) -> str:
+    """What is made of a hint, where that is not the paper's way."""
+    words = [", steers" if hint.steers else "", ", no pictures" if hint.instead_of_pictures else ""]
+    if hint.initial_weight != 1.0:
+        words.append(f", weight {hint.initial_weight:g}")
+    if hint.residual_penalty:
+        words.append(f", penalty {hint.residual_penalty:g}")
     return "".join(words)
 
 
 @dataclass(frozen=True)
 class PolicyRecord:
-    """One evaluation file and what it holds."""
+    """One evaluation.
 
-    path: Path
+    Attributes:
+        result: what its file holds.
+        training: the settings of the training.
+        kind: what the policies are.
+    """
+
     result: PolicyResult
+    training: PolicyTraining
     kind: PolicyKind
 
     @property
     def seed(self) -> int:
         """The training seed."""
-        return int(self.result.training.get("seed", 0))
+        return self.training.seed
 
 
 @dataclass(frozen=True)
@@ -103,26 +111,25 @@ class PolicyCell:
         """(seeds,) mean success rates of each training's last five checkpoints."""
         return np.array([record.result.last_five for record in self.records])
 
-    def curve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Steps (n,) that every training was evaluated at, success rates (n,), and 95 % intervals (n, 2).
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the mean of ``last_five``, over trainings and episodes."""
+        return seed_level_interval([record.result.last_outcomes for record in self.records])
 
-        The rates and the Wilson intervals are those of the episodes of all trainings together.
+    def curve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Steps (n,) at which every training was evaluated, mean success rates (n,), and their 95 % intervals (n, 2).
+
+        The interval of a single training is Wilson's, that of several is over trainings and episodes.
         """
         by_step = [{one.step: one for one in record.result.checkpoints} for record in self.records]
         steps = sorted(set.intersection(*(set(found) for found in by_step)))
-        counts = [_pooled([found[step] for found in by_step]) for step in steps]
-        rates = [successes / episodes for successes, episodes in counts]
-        return np.array(steps), np.array(rates), np.array([wilson(*count) for count in counts]).reshape(-1, 2)
-
-
-def _pooled(checkpoints: Iterable[Checkpoint]) -> tuple[int, int]:
-    found = list(checkpoints)
-    return sum(one.successes for one in found), sum(len(one.runs) for one in found)
-
-
-def is_evaluation(content: Any) -> bool:
-    """Whether parsed JSON is an evaluation of a policy, by its keys."""
-    return isinstance(content, dict) and all(key in content for key in ("algorithm", "training", "checkpoints"))
+        points = [[found[step] for found in by_step] for step in steps]
+        rates = [float(np.mean([one.rate for one in point])) for point in points]
+        intervals = [
+            point[0].interval if len(point) == 1 else seed_level_interval([one.outcomes for one in point])
+            for point in points
+        ]
+        return np.array(steps), np.array(rates), np.array(intervals).reshape(-1, 2)
 
 
 def read_evaluation(path: str | Path) -> PolicyRecord:
@@ -131,13 +138,13 @@ def read_evaluation(path: str | Path) -> PolicyRecord:
     Raises:
         ResultFileError: the file is missing or damaged, or holds something else.
     """
-    path = Path(path)
     result = PolicyResult.load(path)
     try:
-        record = PolicyRecord(path, result, policy_kind(result.training, result.labels))
+        training = training_from_dict(result.training)
+        record = PolicyRecord(result, training, policy_kind(training, result.labels))
         _identity(record)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ResultFileError(f"{path} is damaged ({error!r}); evaluate the policy again") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise ResultFileError(f"{path} is damaged ({error}); evaluate the policy again") from error
     return record
 
 
@@ -155,13 +162,13 @@ def policy_cells(records: Iterable[PolicyRecord]) -> list[PolicyCell]:
 
 
 def _identity(record: PolicyRecord) -> dict[str, Any]:
-    """Everything that decides how good a policy is, flat, but for the seed."""
+    """Everything that decides how good a policy is, flat, except the seed."""
     result = record.result
-    labels, rewards = ({} if made is None else made["settings"] for made in (result.labels, result.rewards))
-    training = {key: value for key, value in result.training.items() if key not in _OF_ONE_TRAINING}
-    facts = {"task": result.task, "robot": result.robot, "planner": result.planner_sha256, "episodes": result.episodes}
-    flat = _flat({**facts, **training, "labels": labels, "rewards": rewards})
-    # Critics of another seed stand above another policy.
+    labels, rewards = ({} if made is None else made.settings for made in (result.labels, result.rewards))
+    training = {key: value for key, value in to_dict(record.training).items() if key not in _OF_ONE_TRAINING}
+    facts = {"task": result.task, "robot": result.robot, "planner": result.planner_sha256}
+    flat = _flat({**facts, "episodes": result.settings.episodes, **training, "labels": labels, "rewards": rewards})
+    # Critics of another seed choose among another policy's actions.
     return {key: value for key, value in flat.items() if not key.endswith("sampler_sha256")}
 
 

@@ -13,7 +13,6 @@ from ocplanner.report.policy_curves import TRAINING_VALUES, success_curves
 from ocplanner.report.policy_results import PolicyCell, PolicyKind, policy_cells
 from ocplanner.report.runs import TrainingRun, run_labels
 from ocplanner.report.sources import Sources
-from ocplanner.rollouts.intervals import wilson
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class PolicyRow:
         seeds: the training seeds.
         best: of each training's checkpoints, mean and deviation over the seeds.
         last_five: the same of the mean of the last five.
-        interval: percent, 95 % Wilson interval of the last five's episodes, all seeds together.
+        interval: percent, 95 % interval of ``last_five``, over trainings and episodes.
         episodes: of each checkpoint.
         checkpoints: evaluated, all seeds together.
     """
@@ -55,8 +54,8 @@ def policy_section(sources: Sources) -> PolicySection:
     """Gather what was found of policies."""
     cells = policy_cells(sources.evaluations)
     runs = sources.policy_runs
-    evaluated = [record.result.training for record in sources.evaluations]
-    alone = [run for run in runs if run.config.settings not in evaluated]
+    evaluated = [record.training for record in sources.evaluations]
+    alone = [run for run in runs if run.settings not in evaluated]
     return PolicySection(
         rows=[_row(cell) for cell in cells] + [_bare_row(run) for run in alone],
         success=Markup(page_svg(success_curves(cells), "success")) if cells else None,  # noqa: S704 escaped by matplotlib
@@ -66,8 +65,7 @@ def policy_section(sources: Sources) -> PolicySection:
 
 
 def _row(cell: PolicyCell) -> PolicyRow:
-    last = [one for record in cell.records for one in record.result.last_checkpoints]
-    low, high = wilson(sum(one.successes for one in last), sum(len(one.runs) for one in last))
+    low, high = cell.interval
     return PolicyRow(
         kind=cell.kind,
         note=cell.note,
@@ -75,7 +73,7 @@ def _row(cell: PolicyCell) -> PolicyRow:
         best=_percent(cell.best),
         last_five=_percent(cell.last_five),
         interval=(100 * low, 100 * high),
-        episodes=cell.records[0].result.episodes,
+        episodes=cell.records[0].result.settings.episodes,
         checkpoints=sum(len(record.result.checkpoints) for record in cell.records),
     )
 

@@ -55,7 +55,9 @@ class TrainingRun:
     @property
     def policy_kind(self) -> PolicyKind:
         """The kind of policy that it trained."""
-        return policy_kind(self.config.settings)
+        if isinstance(self.settings, PolicyTraining):
+            return policy_kind(self.settings)
+        return PolicyKind("UNKNOWN", "state", "")
 
     @property
     def facts(self) -> dict[str, str]:

@@ -10,11 +10,12 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.records.evaluation import is_evaluation
 from ocplanner.files.records.metrics import METRICS
 from ocplanner.files.records.transfer import is_matrix, is_transfer
 from ocplanner.files.storage import natural_key
 from ocplanner.policies.config import POLICY_FILE
-from ocplanner.report.policy_results import PolicyRecord, is_evaluation, read_evaluation
+from ocplanner.report.policy_results import PolicyRecord, read_evaluation
 from ocplanner.report.runs import TrainingRun, read_run
 from ocplanner.zero_shot.result import TransferResult, read_results
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.storage import atomic_json
+from ocplanner.policies.config import PolicyTraining, training_from_dict
 from ocplanner.reproduction.policy_experiments import (
     VARIANTS,
     PolicyExperiment,
@@ -17,7 +19,7 @@ from ocplanner.reproduction.policy_experiments import (
     table1_experiments,
     table2_experiments,
 )
-from ocplanner.rollouts.intervals import wilson
+from ocplanner.rollouts.intervals import seed_level_interval
 
 Cell = tuple[str, str, str]
 """Algorithm, observations, variant."""
@@ -76,15 +78,10 @@ class PolicyTable:
             ) from error
 
     def _row(self, cell: Cell, found: list[PolicyExperiment], results: Path) -> dict[str, Any]:
-        evaluations = [_evaluation(experiment.result(results)) for experiment in found]
-        best = [100 * evaluation["best"] for evaluation in evaluations]
-        last = [100 * evaluation["last_five"] for evaluation in evaluations]
-        latest = [evaluation["checkpoints"][-5:] for evaluation in evaluations]
-        successes = sum(checkpoint["successes"] for checkpoints in latest for checkpoint in checkpoints)
-        episodes = sum(
-            len(checkpoints) * evaluation["episodes"]
-            for checkpoints, evaluation in zip(latest, evaluations, strict=True)
-        )
+        evaluations = [PolicyResult.load(experiment.result(results)) for experiment in found]
+        best = [100 * evaluation.best for evaluation in evaluations]
+        last = [100 * evaluation.last_five for evaluation in evaluations]
+        interval = seed_level_interval([evaluation.last_outcomes for evaluation in evaluations])
         published = self.published.get(cell)
         return {
             "algorithm": cell[0],
@@ -96,14 +93,14 @@ class PolicyTable:
                 {"seed": experiment.seed, "best": highest, "last5": mean}
                 for experiment, highest, mean in zip(found, best, last, strict=True)
             ],
-            "budgets": sorted({_budget(evaluation["training"]) for evaluation in evaluations}),
-            "checkpoints": [len(evaluation["checkpoints"]) for evaluation in evaluations],
-            "episodes": evaluations[0]["episodes"],
+            "budgets": sorted({_budget(training_from_dict(evaluation.training)) for evaluation in evaluations}),
+            "checkpoints": [len(evaluation.checkpoints) for evaluation in evaluations],
+            "episodes": evaluations[0].settings.episodes,
             "best_mean": float(np.mean(best)),
             "best_std": float(np.std(best)),
             "last5_mean": float(np.mean(last)),
             "last5_std": float(np.std(last)),
-            "last5_interval": [100 * bound for bound in wilson(successes, episodes)],
+            "last5_interval": [100 * bound for bound in interval],
             "published_best": None if published is None else list(published),
         }
 
@@ -144,16 +141,5 @@ def _order(item: tuple[Cell, Any]) -> tuple[bool, str, int]:
     return observations == "image", algorithm, ["", *VARIANTS].index(variant)
 
 
-def _budget(training: Mapping[str, Any]) -> str:
-    return f"{training['steps']:,} x {training['batch']}"
-
-
-def _evaluation(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        missing = {"best", "last_five", "episodes", "checkpoints", "training"} - set(content)
-    except (OSError, ValueError, TypeError) as error:
-        raise ResultFileError(f"cannot read {path}: {error}; evaluate that policy again") from error
-    if missing:
-        raise ResultFileError(f"{path} is no evaluation of a policy: it lacks {', '.join(sorted(missing))}")
-    return content
+def _budget(training: PolicyTraining) -> str:
+    return f"{training.steps:,} x {training.batch}"

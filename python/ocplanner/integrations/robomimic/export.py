@@ -18,8 +18,6 @@ from ocplanner.policies.network import make_network
 from ocplanner.policies.policy import save_policy
 from ocplanner.policies.robomimic_config import parse_robomimic_config
 from ocplanner.policies.train import read
-from ocplanner.settings import to_dict
-from ocplanner.versions import installed
 
 _TRUNK = {"0": "conv1", "1": "bn1", **{str(4 + layer): f"layers.{layer}" for layer in range(4)}}
 """robomimic's ResNet18Conv is a sequence of torchvision's parts; ours have torchvision's names."""
@@ -59,8 +57,8 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
     order = tuple(key for key in shapes if key in seen.low_dim and not (hinted and key == HINT_KEY))
     training = replace(given.training, observation=replace(seen, low_dim=order))
     recorded = read(training, data)
-    about = recorded.about
-    actor = cast(Actor, make_network(training, about["low_dim"], about["actions"]))
+    header = recorded.header
+    actor = cast(Actor, make_network(training, header.low_dim, header.actions))
     # Everything else must come from the checkpoint: loading is strict.
     state = {"encoder.mean": actor.encoder.mean, "encoder.std": actor.encoder.std}
     try:
@@ -71,17 +69,8 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
         actor.load_state_dict(state)
     except (KeyError, RuntimeError) as error:
         raise MismatchError(f"{checkpoint}: its weights are not those of its configuration: {error}") from error
-    description = {
-        **about,
-        "algorithm": training.algorithm,
-        "seed": training.seed,
-        "step": found["variable_state"]["epoch"] * (training.steps // max(1, values["train"]["num_epochs"])),
-        "data": recorded.train.digest(),
-        "exported_from": checkpoint.name,
-        "versions": installed(),
-        "training": to_dict(training),
-    }
-    save_policy(actor, description, out)
+    step = found["variable_state"]["epoch"] * (training.steps // max(1, values["train"]["num_epochs"]))
+    save_policy(actor, replace(header, step=step, exported_from=checkpoint.name), out)
     return out
 
 
