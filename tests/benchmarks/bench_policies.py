@@ -52,7 +52,7 @@ class Ours:
         object.__setattr__(recorded.train, "batch", self._timed)
         self._folder = tempfile.TemporaryDirectory()
         fabric, folder = _fabric(config, 1, elastic=False), RunFolder(Path(self._folder.name))
-        self._training = _Training(fabric, config, recorded, folder)
+        self._training = _Training(fabric, recorded, folder)
         self._order = BatchOrder(len(recorded.train), config.batch, (0, 0))
 
     def _timed(self, *arguments: Any) -> Any:

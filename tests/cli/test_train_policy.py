@@ -7,8 +7,8 @@ import yaml
 
 from ocplanner import Policy
 from ocplanner.cli import main
-from ocplanner.cli.train_policy import TrainPolicy
-from ocplanner.errors import InvalidValueError
+from ocplanner.cli.train_policy import TrainPolicy, defaults
+from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.policies.config import HintConfig, preset
 from ocplanner.policies.train import train_policy
 
@@ -16,7 +16,7 @@ GMM = {"gmm": {"enabled": True}}
 
 
 def parsed(*flags: str) -> TrainPolicy:
-    return tyro.cli(TrainPolicy, args=["--data", "d.hdf5", "--run", "r", *flags])
+    return tyro.cli(TrainPolicy, args=["--data", "d.hdf5", "--run", "r", *flags], default=defaults(flags))
 
 
 @pytest.mark.parametrize("name", ["cpu", "robomimic"])
@@ -28,11 +28,10 @@ def test_the_defaults_are_the_preset(name, algorithm, kind):
 
 
 def test_flags_reach_the_configuration():
-    flags = (
-        "--hint --hint-horizons 1 5 --mask all --seed 3 --steps 7 --batch 4 --learning-rate 0.01 --ema 0 --threads 2"
-    )
-    config = parsed(*flags.split(), "--cameras", "agentview", "--low-dim", "a", "b").configuration()
-    assert config.network.hint == HintConfig((1, 5))
+    flags = "--hint --mask all --seed 3 --steps 7 --batch 4 --learning-rate 0.01 --ema 0 --threads 2 --hint-weight 2"
+    config = parsed(*flags.split(), "--cameras", "agentview", "--low-dim", "a", "b", "--hidden", "8").configuration()
+    assert config.network.hint == HintConfig(initial_weight=2)
+    assert config.network.hidden == (8,)
     assert (config.mask, config.seed, config.steps, config.batch, config.threads) == (None, 3, 7, 4, 2)
     assert (config.learning_rate, config.ema) == (0.01, 0)
     assert (config.observation.cameras, config.observation.low_dim) == (("agentview",), ("a", "b"))
@@ -42,8 +41,11 @@ def test_the_kl_weight_is_bcqs():
     config = parsed("--algorithm", "bcq", "--kl-weight", "0.005").configuration()
     base = preset("cpu", "bcq")
     assert config == replace(base, algorithm_settings=replace(base.algorithm_settings, kl_weight=0.005))
-    for flags in ([], ["--algorithm", "bcq", "--sampler", "gmm"]):
-        with pytest.raises(InvalidValueError, match="--kl-weight is for --algorithm bcq with --sampler vae alone"):
+    for flags, only in (
+        ([], "--algorithm bcq alone"),
+        (["--algorithm", "bcq", "--sampler", "gmm"], "--sampler vae alone"),
+    ):
+        with pytest.raises(InvalidValueError, match=f"--kl-weight.* for .*{only}"):
             parsed(*flags, "--kl-weight", "0.005").configuration()
 
 
@@ -54,7 +56,7 @@ def test_the_sampler_is_bcqs():
         base, algorithm_settings=replace(base.algorithm_settings, sampler="gmm", rollout_proposals=10)
     )
     assert parsed("--algorithm", "bcq", "--sampler", "vae").configuration() == base
-    with pytest.raises(InvalidValueError, match="--sampler is for --algorithm bcq alone"):
+    with pytest.raises(InvalidValueError, match="--sampler: for --algorithm bcq alone"):
         parsed("--sampler", "gmm").configuration()
 
 
@@ -77,9 +79,15 @@ def test_a_trained_policy_brings_what_is_seen_and_the_networks(tiny_square, tmp_
     )
     published = parsed(*above, "--preset", "robomimic").configuration()
     assert (published.steps, published.batch, published.algorithm_settings.critic_learning_rate) == (300_000, 16, 1e-3)
-    for flags in ("--sampler gmm", "--observations state", "--low-dim a", "--cameras a", "--kl-weight 1"):
+    for flags in ("--sampler gmm", "--observations state"):
         with pytest.raises(InvalidValueError, match=f"{flags.split()[0]} and --sampler-from both decide"):
             parsed(*above, *flags.split()).configuration()
+    with pytest.raises(InvalidValueError, match=r"--kl-weight is for .* --sampler vae alone"):
+        parsed(*above, "--kl-weight", "1").configuration()
+    for flags in ("--low-dim object", "--cameras a", "--hidden 3"):
+        changed = parsed(*above, *flags.split()).configuration()
+        with pytest.raises(MismatchError, match=r"what is seen and the networks are those of .*policy\.safetensors"):
+            train_policy(changed, tiny_square(images=True), tmp_path / "above", sampler=trained)
     with pytest.raises(InvalidValueError, match="--sampler-from is for --algorithm bcq alone"):
         parsed("--sampler-from", str(trained)).configuration()
 
@@ -90,11 +98,18 @@ def test_a_robomimic_configuration_decides_and_flags_override(tmp_path):
     config = parsed("--config", str(path)).configuration()
     assert (config.preset, config.batch, config.seed) == ("robomimic", 7, 4)
     assert (config.mask, config.network.hint) == (None, None)
-    numbers = "--batch 5 --seed 2 --learning-rate 1 --hint --hint-horizons 1 4"
+    numbers = "--batch 5 --seed 2 --learning-rate 1 --hint --hint-steers"
     flags = [*numbers.split(), "--mask", "valid", "--device", "mps", "--low-dim", "a"]
     config = parsed("--config", str(path), *flags).configuration()
     assert (config.batch, config.seed, config.mask, config.device, config.learning_rate) == (5, 2, "valid", "mps", 1)
-    assert (config.network.hint, config.observation.low_dim) == (HintConfig((1, 4)), ("a",))
+    assert (config.network.hint, config.observation.low_dim) == (HintConfig(steers=True), ("a",))
+
+
+def test_the_hint_of_a_robomimic_configuration_is_read_without_a_flag(tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"algo_name": "bc", "algo": GMM | {"ocp_hint": {"enabled": True, "horizons": [1, 4]}}}))
+    assert parsed("--config", str(path)).configuration().network.hint == HintConfig((1, 4))
+    assert parsed("--config", str(path), "--hint-weight=2").configuration().network.hint == HintConfig((1, 4), 2.0)
 
 
 @pytest.mark.parametrize("flag", [("--preset", "cpu"), ("--algorithm", "bc-rnn"), ("--observations", "image")])
@@ -136,7 +151,7 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
         (["--data", "absent.hdf5", "--algorithm", "bcq", "--hint"], "bcq reads no hint"),
         (
             ["--data", "absent.hdf5", "--hint-steers", "--hint-weight", "0.5"],
-            "--hint-weight, --hint-steers: no hint is",
+            "--hint-steers, --hint-weight: no hint is",
         ),
         (["--data", "a", "--hint", "--hint-instead-of-pictures"], "needs pictures: --observations image"),
         (
@@ -146,6 +161,8 @@ def test_a_policy_is_trained_and_described(tiny_square, tmp_path, capsys):
         (["--data", "a", "--hint", "--hint-steers", "--hint-residual-penalty", "1"], "no residual to penalise"),
         (["--data", "absent.hdf5", "--processes", "3"], "a batch of 100 cannot be shared evenly by 3 processes"),
         ([], "no data set is named; give --data"),
+        (["--algorithm", "iql"], "unknown algorithm 'iql'; known: bc, bc-rnn, bcq"),
+        (["--algorithm", "bcq", "--sampler", "policy"], "give --sampler-from"),
         (["--config", "absent.json"], "absent.json: cannot be read"),
         (["--data", "absent.hdf5", "--device", "abacus"], "device 'abacus' cannot be used"),
     ],

@@ -113,7 +113,7 @@ def test_unknown_keys_are_named():
         (lambda: PolicyTraining(ema=1.0), InvalidValueError, "ema 1.0"),
         (lambda: GmmConfig(modes=0), InvalidValueError, "modes 0"),
         (lambda: GmmConfig(min_std=0.0), InvalidValueError, "min_std 0.0"),
-        (lambda: HintConfig(horizons=()), InvalidValueError, "hint horizons"),
+        (lambda: HintConfig(horizons=(0,)), InvalidValueError, "hint horizons"),
         (lambda: HintConfig(horizons=(1, 1)), InvalidValueError, "name each once"),
         (lambda: ObservationConfig(crop=85), InvalidValueError, "crop 85 must lie in 1..84"),
         (lambda: ObservationConfig(low_dim=()), InvalidValueError, "at least one observation"),

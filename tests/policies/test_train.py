@@ -158,13 +158,23 @@ def test_the_labels_travel_with_the_policy_and_must_fit_it(tiny_square, tmp_path
         file["data"].attrs[LABEL_ATTRIBUTE] = json.dumps(labels)
         for demo in file["data"].values():
             demo["obs/ocp_hint"] = np.zeros((len(demo["actions"]), 7), dtype=np.float32)
-    with pytest.raises(
-        MismatchError, match=r"hints \(5,\) steps ahead, the policy reads \(1,\); give --hint-horizons 5"
-    ):
+    with pytest.raises(MismatchError, match=r"hints \(5,\) steps ahead, the policy reads \(1,\); give horizons 5"):
         train_policy(small(hint=(1,)), data, tmp_path / "run")
-    hinted = Policy.load(train_policy(small(hint=(5,)), data, tmp_path / "hinted"))
+    hinted = Policy.load(train_policy(small(hint=()), data, tmp_path / "hinted"))
     assert hinted.header.labels == build(LabelRecord, labels)
+    assert hinted.training == small(hint=(5,))
     assert Policy.load(train_policy(small(), data, tmp_path / "plain")).header.labels is None
+
+
+def test_hints_that_nobody_labelled_need_their_horizons(tiny_square, tmp_path, small):
+    data = tmp_path / "hints.hdf5"
+    shutil.copy(tiny_square(), data)
+    with h5py.File(data, "a") as file:
+        for demo in file["data"].values():
+            demo["obs/ocp_hint"] = np.zeros((len(demo["actions"]), 7), dtype=np.float32)
+    with pytest.raises(MismatchError, match="does not say which horizons its hints have"):
+        train_policy(small(hint=()), data, tmp_path / "run")
+    assert Policy.load(train_policy(small(hint=(3,)), data, tmp_path / "run")).training == small(hint=(3,))
 
 
 def test_a_finished_run_is_not_trained_again(tiny_square, tmp_path, monkeypatch, small):

@@ -173,7 +173,7 @@ def test_names_in_evaluations_are_text_not_markup(tmp_path, write_evaluation):
     hostile = "</style><script>alert(1)</script>"
     path = write_evaluation("a")
     content = json.loads(path.read_text()) | {"task": hostile, "robot": hostile, "command": hostile}
-    content["training"] |= {"algorithm": hostile}
+    content["training"]["observation"]["cameras"] = [hostile]
     path.write_text(json.dumps(content))
     page = report(tmp_path)
     assert not page.all("script")

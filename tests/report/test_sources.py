@@ -63,7 +63,7 @@ def test_evaluations_and_runs_of_policies_are_told_from_those_of_planners(
     assert [run.name for run in sources.planner_runs] == ["planner"]
     assert [run.name for run in sources.policy_runs] == ["policy"]
     assert [record.path.name for record in sources.records] == ["transfer.json"]
-    assert [record.path.name for record in sources.evaluations] == ["evaluation.json"]
+    assert [record.seed for record in sources.evaluations] == [0]
 
 
 def test_a_damaged_evaluation_is_an_error_that_names_it(tmp_path, write_evaluation):

@@ -1,30 +1,23 @@
 """The verb ``train-policy``."""
 
+import argparse
 import os
 import sys
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ocplanner.errors import InvalidValueError
+from ocplanner.policies.algorithms import ALGORITHMS, Algorithm, find_algorithm
 from ocplanner.policies.bcq_config import BCQConfig
-from ocplanner.policies.config import (
-    HintConfig,
-    ObservationKind,
-    PolicyTraining,
-    Precision,
-    Preset,
-    preset,
-)
+from ocplanner.policies.config import HintConfig, ObservationKind, PolicyTraining, preset
 from ocplanner.settings import require
 
 if TYPE_CHECKING:
     from ocplanner.policies.robomimic_config import RobomimicConfig
-
-_Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-"""A flag that switches on; a --no-... could not switch off what --config switches on."""
 
 
 @dataclass(frozen=True)
@@ -37,66 +30,30 @@ class TrainPolicy:
     """Robomimic HDF5; `ocplanner label` adds hints, `ocplanner render` images. Default: the one that --config names."""
     config: Path | None = None
     """Robomimic JSON configuration (algo_name: bc) in place of a preset; other flags override it."""
-    algorithm: Literal["bc", "bc-rnn", "bcq"] | None = None
-    """bc (the default): the last observation decides. bc-rnn: an LSTM remembers. bcq: learns from rewards, which
-    `ocplanner label --reward` makes dense."""
-    preset: Preset | None = None
-    """cpu (the default): small networks, under an hour on one or two cores. robomimic: published hyperparameters."""
     observations: ObservationKind | None = None
     """state (the default): numbers with the object's pose. image: cameras and proprioception."""
-    hint: _Switch = False
-    """Read the plan as a hint from obs/ocp_hint."""
-    hint_horizons: tuple[int, ...] | None = None
-    """How many steps ahead the hints look, as the data set was labelled. Default: 1."""
-    hint_residual_penalty: float | None = None
-    """Weight in the loss of the squared residual motion while the object is held. Default: 0."""
-    hint_weight: float | None = None
-    """What x and y start from. Default: 1."""
-    hint_steers: _Switch = False
-    """While the object is held the hint alone moves it, by the weight --hint-weight; the policy moves the gripper."""
-    hint_instead_of_pictures: _Switch = False
-    """While the object is held the policy sees the plan in place of the cameras' pictures."""
-    low_dim: tuple[str, ...] | None = None
-    """Names of the low-dimensional observations instead of the preset's."""
-    cameras: tuple[str, ...] | None = None
-    """Cameras instead of the preset's."""
-    mask: str | None = None
-    """Train on mask/NAME of the data set (default: train); `all`: on every demonstration."""
-    seed: int | None = None
-    """Decides initial weights, batches and crops. Default: 0."""
-    steps: int | None = None
-    """Training steps instead of the preset's."""
-    batch: int | None = None
-    """Samples or sequences a step instead of the preset's, over all processes together."""
-    learning_rate: float | None = None
-    """Instead of the preset's; of bcq its sampler's."""
-    sampler: Literal["vae", "gmm"] | None = None
-    """What proposes actions to bcq's critics. vae (the default), or gmm: a mixture as bc has it."""
     sampler_from: Path | None = None
     """Policy file or run folder of bc that proposes to bcq's critics and stays as it is; what is seen and the networks
     are that policy's. Only critics are trained, in minutes, so several rewards can be tried above one policy."""
-    kl_weight: float | None = None
-    """Of bcq's action VAE instead of the preset's: the smaller, the more its proposals differ."""
-    ema: float | None = None
-    """Decay of the averaged weights that become the policy instead of the preset's; 0: off."""
-    save_every: int | None = None
-    """Steps between the policies kept for evaluation, instead of the preset's."""
+    hint: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Read the plan as a hint from obs/ocp_hint, with the horizons that the data set was labelled with."""
+    training: Annotated[PolicyTraining, tyro.conf.arg(name=""), tyro.conf.AvoidSubcommands] = field(
+        default_factory=PolicyTraining
+    )
     processes: int = 1
     """Training processes on this machine; under torchrun those that it started."""
-    threads: int = 1
-    """CPU threads of each process."""
-    device: str | None = None
-    """cpu (the default), cuda or mps."""
-    precision: Precision | None = None
-    """float32 (the default), or bfloat16 for the products inside layers: faster on processors that have it."""
 
     def configuration(self) -> PolicyTraining:
-        """The preset, or the robomimic configuration, with these flags applied.
+        """The settings that the flags amount to: a hint only where --hint or --config asks for one.
 
         Raises:
-            InvalidValueError: the configuration cannot be honoured, or flags contradict each other.
+            InvalidValueError: the algorithm reads no hint.
         """
-        return self._resolved(self._robomimic())
+        given = self._robomimic()
+        hinted = self.hint or (given is not None and given.training.network.hint is not None)
+        hint = (self.training.network.hint or HintConfig()) if hinted else None
+        mask = None if self.training.mask == "all" else self.training.mask
+        return replace(self.training, mask=mask, network=replace(self.training.network, hint=hint))
 
     def run(self) -> None:
         """Train, and print the policy file's path.
@@ -106,80 +63,90 @@ class TrainPolicy:
         """
         from ocplanner.policies.train import train_policy
 
-        given = self._robomimic()
-        first = os.environ.get("RANK", "0") == "0"  # torchrun runs this in every process
+        given, first = self._robomimic(), os.environ.get("RANK", "0") == "0"  # torchrun runs this in every process
         if given is not None and given.ignored and first:
             sys.stderr.write(f"{self.config}: without effect on the training: {', '.join(given.ignored)}\n")
-        data = self.data or (given.data if given is not None else None)
+        data = self.data or (None if given is None else given.data)
         if data is None:
             raise InvalidValueError("no data set is named; give --data")
-        policy = train_policy(self._resolved(given), data, self.run_folder, self.processes, self.sampler_from)
+        policy = train_policy(self.configuration(), data, self.run_folder, self.processes, self.sampler_from)
         if first:
             sys.stdout.write(f"{policy}\n")
 
     def _robomimic(self) -> "RobomimicConfig | None":
-        if self.sampler_from is not None:
-            for flag in ("config", "observations", "low_dim", "cameras", "sampler", "kl_weight"):
-                plain = flag.replace("_", "-")
-                require(getattr(self, flag) is None, f"--{plain} and --sampler-from both decide the network; drop one")
-            require(self.algorithm == "bcq", "--sampler-from is for --algorithm bcq alone")
         if self.config is None:
             return None
         from ocplanner.policies.robomimic_config import read_robomimic_config
 
-        for flag in ("algorithm", "preset", "observations"):
-            require(getattr(self, flag) is None, f"--{flag} and --config both decide the network; give one of them")
         return read_robomimic_config(self.config)
 
-    def _resolved(self, given: "RobomimicConfig | None") -> PolicyTraining:
-        base = given.training if given is not None else self._preset()
-        names = ("steps", "batch", "learning_rate", "ema", "save_every", "seed", "device", "precision")
-        flags = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if self.mask is not None:
-            flags["mask"] = None if self.mask == "all" else self.mask
-        seen, network, bcq = base.observation, base.network, base.algorithm_settings
-        if self.sampler is not None:
-            require(isinstance(bcq, BCQConfig), "--sampler is for --algorithm bcq alone")
-            flags["algorithm_settings"] = bcq = BCQConfig.of(base).proposing(self.sampler)
-        if self.kl_weight is not None:
-            vae = isinstance(bcq, BCQConfig) and bcq.sampler == "vae"
-            require(vae, "--kl-weight is for --algorithm bcq with --sampler vae alone")
-            flags["algorithm_settings"] = replace(bcq, kl_weight=self.kl_weight)  # type: ignore[call-arg]
-        return replace(
-            base,
-            observation=replace(
-                seen,
-                low_dim=seen.low_dim if self.low_dim is None else self.low_dim,
-                cameras=seen.cameras if self.cameras is None else self.cameras,
-            ),
-            network=replace(network, hint=self._hint(network.hint)),
-            threads=self.threads,
-            **flags,
-        )
 
-    def _preset(self) -> PolicyTraining:
-        if self.sampler_from is not None:
-            from ocplanner.policies.frozen_sampler import frozen_sampler_training
-            from ocplanner.policies.policy import Policy
+def defaults(arguments: Sequence[str]) -> TrainPolicy:
+    """The flags' defaults: the settings of the preset, configuration or policy that ``arguments`` name.
 
-            return frozen_sampler_training(Policy.load(self.sampler_from), self.preset or "cpu")
-        return preset(self.preset or "cpu", self.algorithm or "bc", self.observations or "state")
+    Raises:
+        InvalidValueError: flags contradict each other, or the configuration cannot be honoured.
+        UnknownNameError: there is no such algorithm, preset or kind of observation.
+        ModelFileError: the policy of --sampler-from cannot be read.
+        MismatchError: it cannot propose actions to critics.
+    """
+    chosen, flags = _chosen(arguments)
+    training = _training(chosen)
+    algorithm, network = find_algorithm(training.algorithm), training.network
+    of_hint = [flag for flag in flags if flag.startswith("--hint-")]
+    unread = bool(of_hint) and not chosen.hint and network.hint is None
+    require(not unread, f"{', '.join(of_hint)}: no hint is read; give --hint too")
+    for name in ALGORITHMS:
+        given = sorted((_flags(find_algorithm(name)) - _flags(algorithm)).intersection(flags))
+        require(not given, f"{', '.join(given)}: for --algorithm {name} alone")
+    if algorithm.hints and network.hint is None:
+        training = replace(training, network=replace(network, hint=HintConfig()))
+    return TrainPolicy(tyro.MISSING, training=training)
 
-    def _hint(self, base: HintConfig | None) -> HintConfig | None:
-        settings = {
-            "hint_horizons": ("horizons", self.hint_horizons),
-            "hint_residual_penalty": ("residual_penalty", self.hint_residual_penalty),
-            "hint_weight": ("initial_weight", self.hint_weight),
-            "hint_steers": ("steers", self.hint_steers or None),
-            "hint_instead_of_pictures": ("instead_of_pictures", self.hint_instead_of_pictures or None),
-        }
-        given = {flag: setting for flag, setting in settings.items() if setting[1] is not None}
-        hint = base or (HintConfig() if self.hint else None)
-        if hint is None:
-            flags = ", ".join(f"--{flag.replace('_', '-')}" for flag in given)
-            require(not given, f"{flags}: no hint is read; give --hint too")
-            return None
-        return replace(hint, **dict(given.values()))
+
+def _flags(algorithm: Algorithm) -> set[str]:
+    """The flags that only this algorithm has."""
+    return {f"--{field.name.replace('_', '-')}" for field in fields(algorithm.settings)}
+
+
+def _chosen(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    """What decides the defaults, and the names of all flags."""
+    names = [argument.partition("=") for argument in arguments]
+    plain = [(name.replace("_", "-") if name.startswith("--") else name) + mark + value for name, mark, value in names]
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    for name in ("algorithm", "preset", "observations", "sampler"):
+        parser.add_argument(f"--{name}")
+    for name in ("config", "sampler-from"):
+        parser.add_argument(f"--{name}", type=Path)
+    parser.add_argument("--hint", action="store_true")
+    try:
+        chosen = parser.parse_known_args(plain)[0]
+    except argparse.ArgumentError:  # the command's own parser says what is wrong
+        chosen = parser.parse_args([])
+    return chosen, [argument.partition("=")[0] for argument in plain if argument.startswith("--")]
+
+
+def _training(chosen: argparse.Namespace) -> PolicyTraining:
+    if chosen.config is not None:
+        from ocplanner.policies.robomimic_config import read_robomimic_config
+
+        for flag in ("algorithm", "preset", "observations", "sampler_from"):
+            plain = flag.replace("_", "-")
+            require(getattr(chosen, flag) is None, f"--{plain} and --config both decide the network; give one of them")
+        return read_robomimic_config(chosen.config).training
+    if chosen.sampler_from is not None:
+        from ocplanner.policies.frozen_sampler import frozen_sampler_training
+        from ocplanner.policies.policy import Policy
+
+        for flag in ("observations", "sampler"):
+            require(getattr(chosen, flag) is None, f"--{flag} and --sampler-from both decide the network; drop one")
+        require(chosen.algorithm == "bcq", "--sampler-from is for --algorithm bcq alone")
+        return frozen_sampler_training(Policy.load(chosen.sampler_from), chosen.preset or "cpu")
+    training = preset(chosen.preset or "cpu", chosen.algorithm or "bc", chosen.observations or "state")
+    own = training.algorithm_settings
+    if isinstance(own, BCQConfig) and chosen.sampler in ("vae", "gmm"):
+        return replace(training, algorithm_settings=own.proposing(chosen.sampler))
+    return training
 
 
 COMMAND = TrainPolicy

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from tyro.conf import Fixed, Suppress
+
 from ocplanner.policies.algorithms import AlgorithmSettings
 from ocplanner.settings import require, require_choice
 
@@ -17,12 +19,15 @@ class BCQConfig(AlgorithmSettings):
     """A sampler that proposes actions, and critics that choose among them. Defaults: robomimic's from states."""
 
     critic_hidden: tuple[int, ...] = (300, 400)
+    """Widths of a critic's layers."""
     critic_learning_rate: float = 1e-4
     """Before any schedule; the sampler learns at the training's own ``learning_rate``."""
     critics: int = 2
+    """Critics, which learn side by side."""
     pessimism: float = 0.75
     """Weight of the critics' least value in the target; their greatest has the rest."""
     discount: float = 0.99
+    """Of the next state's value."""
     tau: float = 5e-4
     """How far the target critics move toward the critics in a step."""
     proposals: int = 10
@@ -32,11 +37,13 @@ class BCQConfig(AlgorithmSettings):
     vae_hidden: tuple[int, ...] = (300, 400)
     """Widths of the VAE's encoder, and of its decoder."""
     latent: int = 14
+    """Width of the VAE's latent."""
     kl_weight: float = 0.05
+    """Of the VAE: the smaller, the more its proposals differ."""
     sampler: Sampler = "vae"
-    """gmm: the policy of BC, with its layers and mixture, as in robomimic's ``BCQ_GMM``. policy: one that BC trained
-    before, which stays as it is; the critics read the features that it sees."""
-    sampler_sha256: str | None = None
+    """What proposes actions to the critics. gmm: a mixture as bc has it, robomimic's BCQ_GMM. policy: a policy that bc
+    trained before and that stays as it is, see --sampler-from; the critics read the features that it sees."""
+    sampler_sha256: Suppress[Fixed[str | None]] = None
     """Hash of that policy's file; None for the others."""
 
     @staticmethod
@@ -63,7 +70,8 @@ class BCQConfig(AlgorithmSettings):
         """Check the numbers."""
         require_choice("sampler", self.sampler, Sampler)
         named = self.sampler_sha256 is not None
-        require(named == (self.sampler == "policy"), "the hash of a policy's file belongs to the sampler policy alone")
+        together = named == (self.sampler == "policy")
+        require(together, "the sampler policy and the hash of its file belong together: give --sampler-from")
         counts = (*self.critic_hidden, *self.vae_hidden, self.critics, self.proposals, self.rollout_proposals)
         require(min(*counts, self.latent) >= 1, "layer widths, critics, proposals and latent must be at least 1")
         require(self.critic_learning_rate > 0, f"critic learning rate {self.critic_learning_rate} must be positive")
@@ -71,3 +79,5 @@ class BCQConfig(AlgorithmSettings):
         require(0 <= self.discount < 1, f"discount {self.discount} must lie in [0, 1)")
         require(0 < self.tau <= 1, f"tau {self.tau} must lie in (0, 1]")
         require(self.kl_weight >= 0, f"KL weight {self.kl_weight} must not be negative")
+        unused = self.sampler != "vae" and self.kl_weight != BCQConfig.kl_weight
+        require(not unused, "--kl-weight is for --algorithm bcq with --sampler vae alone")

@@ -1,14 +1,17 @@
 """What a policy is and how it is trained: frozen, validated settings with presets.
 
-A run folder's ``config.yaml`` is one :class:`PolicyTraining`; the same travels in the policy file.
+A run folder's ``config.yaml`` is one :class:`PolicyTraining`; the same travels in the policy file's header.
+``ocplanner train-policy`` parses this class: every field is a flag, and the text below it its help.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from tyro.conf import Fixed, FlagCreatePairsOff, Suppress, arg
 
 from ocplanner.planner.config import EncoderConfig
-from ocplanner.policies.algorithms import AlgorithmSettings, find_algorithm
+from ocplanner.policies.algorithms import ALGORITHMS, AlgorithmSettings, find_algorithm
 from ocplanner.settings import build, require, require_choice
 from ocplanner.training.schedule import Schedule, learning_rate
 
@@ -30,9 +33,11 @@ class GmmConfig:
     """Gaussian mixture over actions."""
 
     modes: int = 5
+    """Gaussians in the mixture."""
     min_std: float = 1e-4
     """Added to the activated standard deviation."""
     std_activation: StdActivation = "softplus"
+    """What makes standard deviations positive."""
     tanh_means: bool = True
     """Squash the means (with a hint: the residuals) into (-1, 1)."""
     low_noise: bool = True
@@ -49,22 +54,25 @@ class GmmConfig:
 class HintConfig:
     """The plan as a hint: a_t = sum over k of (x, y)_k * hint_k + A."""
 
-    horizons: tuple[int, ...] = (1,)
-    """Steps k ahead whose planned displacement ``obs/ocp_hint`` holds, in its order."""
-    initial_weight: float = 1.0
-    """What x and y are before training; the network predicts what is added to it."""
-    residual_penalty: float = 0.0
-    """In the loss: so many times the squared motion of the residual A while the object is held, in action units."""
-    steers: bool = False
-    """While the object is held the hint alone moves it: x = y = ``initial_weight``, and A moves the gripper."""
-    instead_of_pictures: bool = False
-    """While the object is held the features of the cameras are zero: the plan says what the pictures have to say."""
+    horizons: Suppress[Fixed[tuple[int, ...]]] = ()
+    """Steps k ahead whose planned displacement ``obs/ocp_hint`` holds, in its order; empty: as the data set's labels
+    say, which training fills in."""
+    initial_weight: Annotated[float, arg(name="hint-weight", prefix_name=False)] = 1.0
+    """What x and y start from; the network predicts what is added to it."""
+    residual_penalty: Annotated[float, arg(name="hint-residual-penalty", prefix_name=False)] = 0.0
+    """Weight in the loss of the residual A's squared motion while the object is held, in action units."""
+    steers: Annotated[bool, FlagCreatePairsOff, arg(name="hint-steers", prefix_name=False)] = False
+    """While the object is held the hint alone moves it, x = y = --hint-weight, and A moves the gripper."""
+    instead_of_pictures: Annotated[
+        bool, FlagCreatePairsOff, arg(name="hint-instead-of-pictures", prefix_name=False)
+    ] = False
+    """While the object is held the policy sees the plan in place of the cameras' pictures: their features are zero."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         contradiction = self.steers and self.residual_penalty > 0
         require(not contradiction, "a hint that steers leaves no residual to penalise: drop one of the two")
-        require(len(self.horizons) > 0 and min(self.horizons) >= 1, f"hint horizons {self.horizons}: at least 1 step")
+        require(min(self.horizons, default=1) >= 1, f"hint horizons {self.horizons}: at least 1 step")
         require(len(set(self.horizons)) == len(self.horizons), f"hint horizons {self.horizons}: name each once")
         require(self.residual_penalty >= 0, f"residual penalty {self.residual_penalty} must not be negative")
 
@@ -79,11 +87,13 @@ class ObservationConfig:
     """What a policy sees."""
 
     low_dim: tuple[str, ...] = ("object", *PROPRIOCEPTION)
-    """Names under ``obs``, concatenated in this order."""
+    """Names of the low-dimensional observations under obs, concatenated in this order."""
     cameras: tuple[str, ...] = ()
+    """Cameras whose pictures the policy sees."""
     image_size: int = 84
+    """Side of the pictures, pixels."""
     crop: int = 76
-    """Side of the crop: random in training, central in rollouts."""
+    """Side of the crop, pixels: random in training, central in rollouts."""
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     """One network of this kind for each camera."""
     normalise: bool = False
@@ -104,11 +114,15 @@ class NetworkConfig:
     hidden: tuple[int, ...] = (1024, 1024)
     """BC: widths of the layers."""
     lstm_hidden: int = 400
+    """BC-RNN: units of each LSTM layer."""
     lstm_layers: int = 2
+    """BC-RNN: LSTM layers."""
     sequence: int = 10
     """BC-RNN: steps in a training sequence, and after how many a rollout begins with a fresh state."""
     gmm: GmmConfig = field(default_factory=GmmConfig)
+    """The mixture over actions."""
     hint: HintConfig | None = None
+    """How the plan is used as a hint; None: it is not."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -120,38 +134,49 @@ class NetworkConfig:
 class PolicyTraining:
     """Everything that decides the weights of a policy, given a data set."""
 
-    algorithm: str = "bc"
-    """One of :data:`ocplanner.policies.algorithms.ALGORITHMS`."""
+    algorithm: Annotated[str, arg(metavar=f"{{{','.join(ALGORITHMS)}}}")] = "bc"
+    """bc: the last observation decides. bc-rnn: an LSTM remembers. bcq: learns from rewards, which `ocplanner label
+    --reward` makes dense. Flags of one algorithm alone are shown with it: train-policy --algorithm bcq --help."""
     preset: Preset = "cpu"
-    observation: ObservationConfig = field(default_factory=ObservationConfig)
-    network: NetworkConfig = field(default_factory=NetworkConfig)
+    """cpu: small networks, under an hour on one or two cores. robomimic: published hyperparameters."""
+    observation: Annotated[ObservationConfig, arg(name="")] = field(default_factory=ObservationConfig)
+    network: Annotated[NetworkConfig, arg(name="")] = field(default_factory=NetworkConfig)
     """BC and BC-RNN, and BCQ where a mixture proposes actions."""
-    algorithm_settings: AlgorithmSettings = field(default_factory=AlgorithmSettings)
+    algorithm_settings: Annotated[AlgorithmSettings, arg(name="")] = field(default_factory=AlgorithmSettings)
     """What only this algorithm has, such as :class:`ocplanner.policies.bcq_config.BCQConfig`."""
     steps: int = 200_000
+    """Training steps."""
     batch: int = 100
-    """Samples (BC, BCQ) or sequences (BC-RNN) a step, over all processes together."""
+    """Samples or sequences a step, over all processes together."""
     learning_rate: float = 1e-4
-    """Before any schedule; of BCQ its sampler's."""
+    """Before any schedule; of bcq its sampler's."""
     weight_decay: float = 0.0
+    """AdamW's; with 0 it is Adam."""
     schedule: Schedule = "constant"
+    """The learning rate after the warm-up; cosine: to zero at the last step."""
     warmup: int = 0
     """Steps of linear warm-up."""
     clip: float | None = None
     """Largest norm of the gradient; None: not clipped."""
     ema: float = 0.0
-    """Decay of the moving average of the weights, which is then what is saved as the policy; 0: off."""
+    """Decay of the averaged weights that become the policy; 0: off."""
     mask: str | None = "train"
-    """Train on ``mask/<name>``; None: on every demonstration."""
+    """Train on mask/NAME of the data set; None: on every demonstration."""
     seed: int = 0
+    """Decides initial weights, batches and crops."""
     save_every: int = 5000
-    """Steps between two policies kept in ``policies/``."""
+    """Steps between the policies kept for evaluation."""
     validate_every: int = 1000
+    """Steps between two lines of metrics, with losses on mask/valid."""
     checkpoint_every: int = 1000
+    """Steps between two checkpoints, from which a stopped training goes on."""
     threads: int = 1
+    """CPU threads of each process."""
     device: str = "cpu"
+    """cpu, cuda or mps."""
     precision: Precision = "float32"
-    """Of the products inside layers while training; weights, mixture, loss and rollouts are float32 either way."""
+    """bfloat16 rounds the products inside layers while training: faster on processors that have it. Weights, mixture,
+    loss and rollouts are float32 either way."""
 
     def rate(self, step: int, base: float | None = None) -> float:
         """The learning rate of a step, counted from 0; ``base`` replaces ``learning_rate``."""

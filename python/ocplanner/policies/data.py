@@ -170,24 +170,30 @@ def _require_every_picture(demos: Demonstrations, cameras: Sequence[str]) -> Non
         )
 
 
-def check_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: str = "--hint-horizons") -> None:
-    """Compare the hints of a labelled data set with those that a policy is to read.
+def hint_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: str = "horizons") -> tuple[int, ...]:
+    """The horizons of a data set's hints, control steps.
 
     Args:
-        demos: the data set; one that `ocplanner label` did not make says nothing.
-        horizons: of the policy.
+        demos: the data set.
+        horizons: those that the policy is to read; empty: those that the data set was labelled with.
         setting: where the user gave them.
 
     Raises:
-        MismatchError: they are others.
+        MismatchError: the data set was labelled with others, or nobody says with which.
     """
     labels = demos.label_record
+    if labels is None and not horizons:
+        raise MismatchError(
+            f"{demos.path} does not say which horizons its hints have, since `ocplanner label` did not make them; "
+            "name them in HintConfig(horizons), or in algo.ocp_hint.horizons of --config"
+        )
     labelled = horizons if labels is None else LabelSettings.of(labels).horizon_steps
-    if labelled != horizons:
+    if horizons not in ((), labelled):
         raise MismatchError(
             f"{demos.path} is labelled with hints {labelled} steps ahead, the policy reads {horizons}; "
             f"give {setting} {' '.join(map(str, labelled))}, or label the data set again"
         )
+    return labelled
 
 
 def _numbers(demos: Demonstrations, demo: Demonstration, key: str) -> np.ndarray:
@@ -215,7 +221,7 @@ def _hint(demos: Demonstrations, demo: Demonstration, width: int) -> np.ndarray:
     if hint.shape[1] != width:
         raise DatasetError(
             f"{demos.path}: {demo.name}/obs/{HINT_KEY}: {hint.shape[1]} numbers a step, expected {width} "
-            "(six for each horizon and a flag); give --hint-horizons as the data set was labelled"
+            "(six for each horizon and a flag); name the horizons that the data set was labelled with"
         )
     return hint
 

@@ -31,7 +31,7 @@ from ocplanner.policies.bcq import encoded
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
-from ocplanner.policies.data import Samples, check_horizons, load_samples
+from ocplanner.policies.data import Samples, hint_horizons, load_samples
 from ocplanner.policies.frozen_sampler import check_recorded
 from ocplanner.policies.learner import Learner
 from ocplanner.policies.network import make_network
@@ -53,11 +53,13 @@ class Recorded(NamedTuple):
     """What is learned from.
 
     Attributes:
+        config: the settings, with the horizons of the data set's hints filled in.
         train: training steps.
         valid: held-out steps, or None.
         header: of the policies that will be trained on them, at step 0.
     """
 
+    config: PolicyTraining
     train: Samples
     valid: Samples | None
     header: PolicyHeader
@@ -128,13 +130,15 @@ def _process(
     before = torch.get_num_threads()
     torch.set_num_threads(config.threads)
     try:
+        proposing = _proposing(config, sampler)
         recorded = read(config, data)
-        proposing = _proposing(config, recorded, data, sampler)
+        if proposing is not None:
+            check_recorded(proposing, recorded.header, data)
         folder = RunFolder(run)
         with ExitStack() as held:
-            refused = _claim(held, folder, config, recorded) if fabric.global_rank == 0 else None
+            refused = _claim(held, folder, recorded) if fabric.global_rank == 0 else None
             refused = fabric.broadcast(refused)
-            return refused or _Training(fabric, config, recorded, folder, proposing).run()
+            return refused or _Training(fabric, recorded, folder, proposing).run()
     except OcplannerError as error:
         return error
     finally:
@@ -143,12 +147,12 @@ def _process(
             torch.distributed.destroy_process_group()
 
 
-def _claim(held: ExitStack, folder: RunFolder, config: PolicyTraining, recorded: Recorded) -> OcplannerError | None:
+def _claim(held: ExitStack, folder: RunFolder, recorded: Recorded) -> OcplannerError | None:
     """Lock the run folder until ``held`` closes; the error that forbids it is given, so that all processes stop."""
     try:
         held.enter_context(locked(folder.path))
         held.callback(folder.close)
-        folder.claim(RunConfig(to_dict(config), recorded.header.data))
+        folder.claim(RunConfig(to_dict(recorded.config), recorded.header.data))
     except OcplannerError as error:
         return error
     return None
@@ -162,8 +166,10 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
         MismatchError: it was labelled with hints of other horizons.
     """
     with Demonstrations(data) as demos:
-        if config.network.hint is not None:
-            check_horizons(demos, config.network.hint.horizons)
+        hint = config.network.hint
+        if hint is not None:
+            hint = replace(hint, horizons=hint_horizons(demos, hint.horizons))
+            config = replace(config, network=replace(config.network, hint=hint))
         names = list(demos.names) if config.mask is None else demos.mask(config.mask)
         train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
@@ -188,7 +194,7 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             data=train.digest(),
             versions=installed(),
         )
-        return Recorded(train, valid, header)
+        return Recorded(config, train, valid, header)
 
 
 def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:
@@ -207,7 +213,7 @@ def _actions(demos: Demonstrations) -> tuple[FrameName, ActionScale] | tuple[Non
         return None, None
 
 
-def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: Path | None) -> Policy | None:
+def _proposing(config: PolicyTraining, sampler: Path | None) -> Policy | None:
     """The trained policy that proposes to the critics, if the configuration names one."""
     own = config.algorithm_settings
     wanted = own.sampler_sha256 if isinstance(own, BCQConfig) else None
@@ -217,19 +223,15 @@ def _proposing(config: PolicyTraining, recorded: Recorded, data: Path, sampler: 
     policy = Policy.load(sampler)
     if policy.sha256 != wanted:
         raise MismatchError(f"{sampler} has hash {policy.sha256}, but {wanted} is to propose; give that policy")
-    check_recorded(policy, recorded.header, data)
+    for part in ("observation", "network"):
+        if getattr(config, part) != getattr(policy.training, part):
+            raise MismatchError(f"what is seen and the networks are those of {policy.path}: change no {part} settings")
     return policy
 
 
 class _Training:
-    def __init__(
-        self,
-        fabric: Fabric,
-        config: PolicyTraining,
-        recorded: Recorded,
-        folder: RunFolder,
-        proposing: Policy | None = None,
-    ) -> None:
+    def __init__(self, fabric: Fabric, recorded: Recorded, folder: RunFolder, proposing: Policy | None = None) -> None:
+        config = recorded.config
         self.fabric, self.config, self.recorded, self.folder = fabric, config, recorded, folder
         self.progress = TrainingProgress(shown=self.first)
         self.train, self.valid = recorded.train, recorded.valid

@@ -44,7 +44,7 @@ class HintKind(NamedTuple):
     @property
     def training_flags(self) -> list[str]:
         """Of ``ocplanner train-policy``."""
-        flags = ["--hint", "--hint-horizons", str(self.horizon_step), *_USES[self.use]]
+        flags = ["--hint", *_USES[self.use]]
         return flags if self.use == "shifts" else [*flags, "--low-dim", *PROPRIOCEPTION, HINT_KEY]
 
     def __str__(self) -> str:

@@ -8,7 +8,8 @@ from robomimic.config import BCConfig
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.policies.config import HINT_KEY, HintConfig
-from ocplanner.policies.data import check_horizons
+from ocplanner.policies.data import hint_horizons
+from ocplanner.settings import require
 
 
 class HintedBCConfig(BCConfig):
@@ -25,7 +26,7 @@ class HintedBCConfig(BCConfig):
         super().algo_config()
         default = HintConfig()
         self.algo.ocp_hint.enabled = False
-        self.algo.ocp_hint.horizons = list(default.horizons)
+        self.algo.ocp_hint.horizons = [1]
         self.algo.ocp_hint.initial_weight = default.initial_weight
 
     def lock(self) -> None:
@@ -50,7 +51,9 @@ def hint_config(algo: Any) -> HintConfig | None:
     """
     if "ocp_hint" not in algo or not algo.ocp_hint.enabled:
         return None
-    return HintConfig(tuple(algo.ocp_hint.horizons), algo.ocp_hint.initial_weight)
+    horizons = tuple(algo.ocp_hint.horizons)
+    require(len(horizons) > 0, "algo.ocp_hint.horizons is empty: name the horizons that the data set was labelled with")
+    return HintConfig(horizons, algo.ocp_hint.initial_weight)
 
 
 def require_mixture(algo: Any) -> None:
@@ -83,4 +86,4 @@ def _check(config: BCConfig, hint: HintConfig) -> None:
     for entry in [{"path": data}] if isinstance(data, str) else data or []:
         if Path(entry["path"]).is_file():
             with Demonstrations(entry["path"]) as demos:
-                check_horizons(demos, hint.horizons, "algo.ocp_hint.horizons")
+                hint_horizons(demos, hint.horizons, "algo.ocp_hint.horizons")
