@@ -7,7 +7,7 @@ import yaml
 
 from ocplanner import Policy
 from ocplanner.cli import main
-from ocplanner.cli.train_policy import TrainPolicy, defaults
+from ocplanner.cli.train_policy import TrainPolicy
 from ocplanner.errors import InvalidValueError, MismatchError
 from ocplanner.policies.config import HintConfig, preset
 from ocplanner.policies.train import train_policy
@@ -16,7 +16,7 @@ GMM = {"gmm": {"enabled": True}}
 
 
 def parsed(*flags: str) -> TrainPolicy:
-    return tyro.cli(TrainPolicy, args=["--data", "d.hdf5", "--run", "r", *flags], default=defaults(flags))
+    return tyro.cli(TrainPolicy, args=["--data", "d.hdf5", "--run", "r", *flags], default=TrainPolicy.defaults(flags))
 
 
 @pytest.mark.parametrize("name", ["cpu", "robomimic"])

@@ -63,7 +63,7 @@ class Recorder:
         square = ["--planner", str(PLANNERS / "square_masked_h20_pose_0.safetensors")]
         self._step(labelled, "label", images, labelled, *square, *rewards)
         bc = ["--data", labelled, "--algorithm", "bc", "--observations", "image", "--cameras", "agentview"]
-        bc += ["--hint", "--hint-horizons", "1", "5"]
+        bc += ["--hint", *self._horizons()]
         self._step("bc/policy.safetensors", "train-policy", *bc, "--mask", "all", "--run", "bc", "--steps", "20")
         bcq = ["--data", labelled, "--algorithm", "bcq", "--mask", "all", "--run", "bcq", "--steps", "60"]
         self._step("bcq/policy.safetensors", "train-policy", *bcq)
@@ -72,6 +72,11 @@ class Recorder:
         cells = ["--planners", str(PLANNERS), "--episodes", str(self.episodes), "--workers", "2"]
         self._step("matrix.json", *self._matrix(), *cells, "--out", "matrix.json")
         self._python("environments.txt", ENVIRONMENTS)
+
+    def _horizons(self) -> list[str]:
+        """An older version wants to be told what the labels say."""
+        shown = (self.folder / "help_train-policy.txt").read_text(encoding="utf-8")
+        return ["--hint-horizons", "1", "5"] if "--hint-horizons" in shown else []
 
     def _matrix(self) -> list[str]:
         """The verb; an older version has it as a flag."""

@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ocplanner.policies.robomimic_config import RobomimicConfig
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TrainPolicy:
     """Train a policy from recordings; run the same command again to continue after a stop."""
 
@@ -37,11 +37,33 @@ class TrainPolicy:
     are that policy's. Only critics are trained, in minutes, so several rewards can be tried above one policy."""
     hint: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Read the plan as a hint from obs/ocp_hint, with the horizons that the data set was labelled with."""
-    training: Annotated[PolicyTraining, tyro.conf.arg(name=""), tyro.conf.AvoidSubcommands] = field(
-        default_factory=PolicyTraining
-    )
+    training: Annotated[PolicyTraining, tyro.conf.arg(name=""), tyro.conf.AvoidSubcommands]
+    """Settings of the training; what is not given is that of the preset, configuration or policy."""
     processes: int = 1
     """Training processes on this machine; under torchrun those that it started."""
+
+    @classmethod
+    def defaults(cls, arguments: Sequence[str]) -> "TrainPolicy":
+        """The flags' defaults: the settings of the preset, configuration or policy that ``arguments`` name.
+
+        Raises:
+            InvalidValueError: flags contradict each other, or the configuration cannot be honoured.
+            UnknownNameError: there is no such algorithm, preset or kind of observation.
+            ModelFileError: the policy of --sampler-from cannot be read.
+            MismatchError: it cannot propose actions to critics.
+        """
+        chosen, flags = _chosen(arguments)
+        training = _training(chosen)
+        algorithm, network = find_algorithm(training.algorithm), training.network
+        of_hint = [flag for flag in flags if flag.startswith("--hint-")]
+        unread = bool(of_hint) and not chosen.hint and network.hint is None
+        require(not unread, f"{', '.join(of_hint)}: no hint is read; give --hint too")
+        for name in ALGORITHMS:
+            given = sorted((_flags(find_algorithm(name)) - _flags(algorithm)).intersection(flags))
+            require(not given, f"{', '.join(given)}: for --algorithm {name} alone")
+        if algorithm.hints and network.hint is None:
+            training = replace(training, network=replace(network, hint=HintConfig()))
+        return cls(run_folder=tyro.MISSING, training=training)
 
     def configuration(self) -> PolicyTraining:
         """The settings that the flags amount to: a hint only where --hint or --config asks for one.
@@ -79,29 +101,6 @@ class TrainPolicy:
         from ocplanner.policies.robomimic_config import read_robomimic_config
 
         return read_robomimic_config(self.config)
-
-
-def defaults(arguments: Sequence[str]) -> TrainPolicy:
-    """The flags' defaults: the settings of the preset, configuration or policy that ``arguments`` name.
-
-    Raises:
-        InvalidValueError: flags contradict each other, or the configuration cannot be honoured.
-        UnknownNameError: there is no such algorithm, preset or kind of observation.
-        ModelFileError: the policy of --sampler-from cannot be read.
-        MismatchError: it cannot propose actions to critics.
-    """
-    chosen, flags = _chosen(arguments)
-    training = _training(chosen)
-    algorithm, network = find_algorithm(training.algorithm), training.network
-    of_hint = [flag for flag in flags if flag.startswith("--hint-")]
-    unread = bool(of_hint) and not chosen.hint and network.hint is None
-    require(not unread, f"{', '.join(of_hint)}: no hint is read; give --hint too")
-    for name in ALGORITHMS:
-        given = sorted((_flags(find_algorithm(name)) - _flags(algorithm)).intersection(flags))
-        require(not given, f"{', '.join(given)}: for --algorithm {name} alone")
-    if algorithm.hints and network.hint is None:
-        training = replace(training, network=replace(network, hint=HintConfig()))
-    return TrainPolicy(tyro.MISSING, training=training)
 
 
 def _flags(algorithm: Algorithm) -> set[str]:

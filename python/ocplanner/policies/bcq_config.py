@@ -21,7 +21,7 @@ class BCQConfig(AlgorithmSettings):
     critic_hidden: tuple[int, ...] = (300, 400)
     """Widths of a critic's layers."""
     critic_learning_rate: float = 1e-4
-    """Before any schedule; the sampler learns at the training's own ``learning_rate``."""
+    """Before any schedule; the sampler learns with --learning-rate."""
     critics: int = 2
     """Critics, which learn side by side."""
     pessimism: float = 0.75
