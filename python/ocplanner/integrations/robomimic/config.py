@@ -24,10 +24,9 @@ class HintedBCConfig(BCConfig):
     def algo_config(self) -> None:
         """Fill ``algo``; robomimic then locks its keys."""
         super().algo_config()
-        default = HintConfig()
         self.algo.ocp_hint.enabled = False
         self.algo.ocp_hint.horizons = [1]
-        self.algo.ocp_hint.initial_weight = default.initial_weight
+        self.algo.ocp_hint.initial_weight = HintConfig.initial_weight
 
     def lock(self) -> None:
         """Close the configuration, as robomimic's ``train.py`` does before it does anything else.
