@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from ocplanner.cli import main
-from ocplanner.files.storage import atomic_json
 from ocplanner.reproduction import held_out, reproduction
 from ocplanner.reproduction.experiments import planner_experiments
 from ocplanner.zero_shot.result import Matrix
+from random_policy import random_training, result_of
 from transfer_results import transfer_result
 
 NAMES = [experiment.name for experiment in planner_experiments((0,))]
@@ -220,9 +220,8 @@ def ran(monkeypatch, tmp_path):
         made = {"render": arguments[2], "label": arguments[2], "evaluate": options.get("--out")}.get(verb)
         made = Path(made or f"{options['--run']}/policy.safetensors")
         made.parent.mkdir(parents=True, exist_ok=True)
-        content = {"best": 0.5, "last_five": 0.4, "episodes": 50, "checkpoints": [{"successes": 20}] * 5}
-        training = {"steps": 1000, "batch": 64}
-        atomic_json(made, {**content, "training": training})  # as the real ones: others read what is there meanwhile
+        training = replace(random_training(), steps=1000, batch=64)
+        result_of(training, [25, 20, 20, 20, 15], 50).save(made)  # whole at once: others read what is there meanwhile
 
     monkeypatch.setattr(reproduction, "run_command", run)
     monkeypatch.chdir(tmp_path)

@@ -99,7 +99,7 @@ def test_the_command_writes_a_policy_that_acts(trained, labelled, tmp_path, monk
     with h5py.File(labelled) as file:
         action = policy.act({key: file[f"data/demo_2/obs/{key}"][40:41] for key in policy.observation_keys})
     assert action.shape == (1, 7)
-    assert policy.header.labels["settings"]["horizon_steps"] == [1, 4]
+    assert policy.header.labels.settings["horizon_steps"] == [1, 4]
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path, monkeypatch, capsys):

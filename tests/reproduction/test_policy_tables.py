@@ -39,7 +39,7 @@ def test_a_row_for_each_cell_with_every_seed(tmp_path):
     low, high = second["last5_interval"]
     assert 44 < low < 50 < high < 56
     assert policy_table(TABLE1, tmp_path).splitlines()[2:] == [
-        "| BC-RNN (state) | none | 1,000 x 64 | **80.0** (80) | 5 | 80.0 | 74.8-84.8 | 1 | 84.0 ± 0.0 |",
+        "| BC-RNN (state) | none | 1,000 x 64 | **80.0** (80) | 5 | 80.0 | 74.6-84.5 | 1 | 84.0 ± 0.0 |",
         "| BC (image) | k = 1, from the object | 1,000 x 64, 2,000 x 64 | **65.0** ± 5.0 (60, 70) | 7 | 50.0 ± 0.0 | "
         "45.6-54.4 | 2 | 69.3 ± 3.1 |",
     ]

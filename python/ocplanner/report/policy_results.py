@@ -13,7 +13,7 @@ from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.records.labels import LabelRecord
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import HintConfig, PolicyTraining, training_from_dict
-from ocplanner.rollouts.intervals import seed_level_interval
+from ocplanner.policies.evaluate import rate_interval
 from ocplanner.settings import to_dict
 
 _OF_ONE_TRAINING = ("seed", "threads", "device")
@@ -114,7 +114,7 @@ class PolicyCell:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the mean of ``last_five``, over trainings and episodes."""
-        return seed_level_interval([record.result.last_outcomes for record in self.records])
+        return rate_interval([record.result.last_outcomes for record in self.records])
 
     def curve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Steps (n,) at which every training was evaluated, mean success rates (n,), and their 95 % intervals (n, 2).
@@ -125,10 +125,7 @@ class PolicyCell:
         steps = sorted(set.intersection(*(set(found) for found in by_step)))
         points = [[found[step] for found in by_step] for step in steps]
         rates = [float(np.mean([one.rate for one in point])) for point in points]
-        intervals = [
-            point[0].interval if len(point) == 1 else seed_level_interval([one.outcomes for one in point])
-            for point in points
-        ]
+        intervals = [rate_interval([one.outcomes for one in point]) for point in points]
         return np.array(steps), np.array(rates), np.array(intervals).reshape(-1, 2)
 
 

@@ -12,6 +12,7 @@ from ocplanner.errors import ResultFileError
 from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.storage import atomic_json
 from ocplanner.policies.config import PolicyTraining, training_from_dict
+from ocplanner.policies.evaluate import rate_interval
 from ocplanner.reproduction.policy_experiments import (
     VARIANTS,
     PolicyExperiment,
@@ -19,7 +20,6 @@ from ocplanner.reproduction.policy_experiments import (
     table1_experiments,
     table2_experiments,
 )
-from ocplanner.rollouts.intervals import seed_level_interval
 
 Cell = tuple[str, str, str]
 """Algorithm, observations, variant."""
@@ -81,7 +81,7 @@ class PolicyTable:
         evaluations = [PolicyResult.load(experiment.result(results)) for experiment in found]
         best = [100 * evaluation.best for evaluation in evaluations]
         last = [100 * evaluation.last_five for evaluation in evaluations]
-        interval = seed_level_interval([evaluation.last_outcomes for evaluation in evaluations])
+        interval = rate_interval([evaluation.last_outcomes for evaluation in evaluations])
         published = self.published.get(cell)
         return {
             "algorithm": cell[0],
