@@ -243,6 +243,8 @@ def test_table_1_runs_what_is_missing_and_gathers_it(ran, capsys):
     ]  # fmt: skip
     ran.clear()
     assert main(["reproduce", "--table", "1", "--seeds", "0"]) == 0
+    assert main(["reproduce", "--table", "1", "--seeds", "0", "--episodes", "40"]) == 2
+    assert "holds 50 episodes a checkpoint, not 20; give the --episodes that made it" in capsys.readouterr().err
     assert ran == []
     assert main(["reproduce"]) == 2
     assert main(["reproduce", "tables", "--table", "1"]) == 2

@@ -143,7 +143,7 @@ class Reproduce:
 
     def _policies(self, console: Console, table: PolicyTable) -> None:
         wanted = table.experiments(self.seeds)
-        missing = [experiment for experiment in wanted if not experiment.result(self.results).exists()]
+        missing = policy_experiments.missing_results(wanted, self.results, self.episodes // 2)
         for name in policy_experiments.make_data(missing, self.data, self.work, self.results, self.workers):
             console.print(f"made {name}")
         for experiment in policy_experiments.run_all(

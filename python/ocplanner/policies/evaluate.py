@@ -1,7 +1,5 @@
 """Success rates of policies by robomimic's protocol: fresh episodes for every checkpoint, stopped at success."""
 
-import shlex
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,7 +25,7 @@ from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.intervals import seed_level_interval, wilson
 from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require
-from ocplanner.versions import installed
+from ocplanner.versions import installed, running_command
 
 OnEpisode = Callable[[Path, EpisodeResult], None]
 """Called with the checkpoint and each episode."""
@@ -171,7 +169,7 @@ def evaluate_policy(
             _checkpoint(one, [runs[seed] for seed in job.seeds if job.path_of(seed) == path])
             for path, one in zip(job.policies, policies)
         ),
-        command=shlex.join([Path(sys.argv[0]).name if sys.argv else "ocplanner", *sys.argv[1:]]),
+        command=running_command(),
         versions=installed(),
     )
     if isinstance(out, Path):

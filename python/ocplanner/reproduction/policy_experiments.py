@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from ocplanner.errors import OutputError
+from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PROPRIOCEPTION
 from ocplanner.reproduction import reproduction
 from ocplanner.reproduction.experiments import PlannerExperiment
@@ -214,6 +216,28 @@ def make_data(
         log = work / "logs" / f"label_{labelled.stem}.log"
         reproduction.run_command(["label", str(unlabelled), str(labelled), *flags], log)
         yield labelled.name
+
+
+def missing_results(
+    experiments: Iterable[PolicyExperiment], results: Path, episodes: int
+) -> tuple[PolicyExperiment, ...]:
+    """The experiments that have no result yet.
+
+    Raises:
+        ResultFileError: a result is damaged.
+        OutputError: a result has another number of episodes a checkpoint.
+    """
+    missing = []
+    for experiment in experiments:
+        out = experiment.result(results)
+        if not out.exists():
+            missing.append(experiment)
+        elif (found := PolicyResult.load(out).settings.episodes) != episodes:
+            raise OutputError(
+                f"{out} holds {found} episodes a checkpoint, not {episodes}; give the --episodes that made it, choose "
+                "other --results, or delete it"
+            )
+    return tuple(missing)
 
 
 def train(experiment: PolicyExperiment, source: Path, work: Path) -> Path:
