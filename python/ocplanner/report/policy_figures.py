@@ -14,8 +14,7 @@ from ocplanner.drawing.style import GRID, INK, MUTED, SERIES, new_figure, save_f
 from ocplanner.errors import DatasetError
 from ocplanner.policies.hint_use import HintUse, check_fits, hint_use, mean_share
 from ocplanner.policies.policy import Policy
-from ocplanner.report.fitting import first_fitting
-from ocplanner.report.names import distinct_names
+from ocplanner.report.model_figures import distinct_names, first_fitting
 from ocplanner.report.plots import step_axis
 from ocplanner.report.policy_results import PolicyKind, policy_kind
 
