@@ -26,7 +26,7 @@ class Transfer:
     planner: tuple[Path, ...]
     """Planner file (.safetensors) or the run folder of its training; for a task with several objects, one for each."""
     robot: str = "Sawyer"
-    """The arm: Panda, Sawyer, UR5e, IIWA, Kinova3, Jaco or XArm7."""
+    """The arm, such as Panda, Sawyer or UR5e; an unknown name lists all of them."""
     episodes: int = 50
     """Episodes to run."""
     seed_start: int = FIRST_SEED

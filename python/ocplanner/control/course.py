@@ -1,4 +1,7 @@
-"""What the plans say: the pose to aim at now, where they end, and how the object is turned meanwhile."""
+"""What the plans say: the pose to aim at now, where they end, and how the object is turned meanwhile.
+
+Which pose of a plan is the target, in each follow mode, is decided in ``rust/core/src/delta_pose.rs``.
+"""
 
 from collections import deque
 

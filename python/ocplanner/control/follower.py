@@ -11,7 +11,7 @@ import numpy as np
 from ocplanner.control.arm import Reachability, Reading
 from ocplanner.control.carry import Carry, Motion, Search
 from ocplanner.control.course import Course, PlanEnds, SymmetryChoice, TracedCourse
-from ocplanner.control.phases import Blind, Command, Lift, Lower, Phase, Trace, Transit
+from ocplanner.control.phases import Command, Lift, Lower, Phase, Trace, Transit, Ungated
 from ocplanner.control.placing import DropPlacing, InsertPlacing, TracePlacing
 from ocplanner.control.settings import ControlSettings
 from ocplanner.envs.tasks import ObjectSpec
@@ -72,7 +72,7 @@ class Follower:
         )
         self._placing = _PLACINGS[spec.placing](carry)
         self._release = self._placing if settings.gated else DropPlacing(carry, presses=False)
-        self._phase: Phase = Blind()
+        self._phase: Phase = Ungated()
         if settings.gated:
             back = spec.lift[1] if role.takes and spec.lift is not None else 0.0
             self._phase = Lift(carry, back, then=Trace(carry) if traced else Transit(carry))

@@ -188,8 +188,8 @@ class Unstick:
         return Command(self._above, "unstick")
 
 
-class Blind:
-    """Where the plan leads, whatever the object does."""
+class Ungated:
+    """Where the plan leads, in the modes that do not wait for the object."""
 
     def step(self, now: Reading, target: Pose) -> Command:  # noqa: ARG002
         """Along the plan."""

@@ -121,7 +121,7 @@ class FollowSettings:
     """Depth below the goal to which the object is let down: one that hangs free goes there, one that rests on an edge
     does not."""
     slip: float = 0.006
-    """Distance that the grip point wanders while the object is let down that tells that it rests on an edge."""
+    """Motion of the grip point, while the object is let down, that shows that the object rests on an edge."""
     search: float = 0.0035
     """Radius of the first ring of places tried after wedging."""
 
@@ -242,7 +242,7 @@ class ControlSettings:
 
     @property
     def gated(self) -> bool:
-        """Whether the follower watches the object; the other modes follow a plan blindly."""
+        """Whether the plan waits for the object; the other modes do not."""
         return self.follow == "gated"
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocplanner import _core
+from ocplanner.settings import require
 
 Form = Literal["penalty", "literal", "exp", "potential"]
 ObjectPoses: TypeAlias = tuple[np.ndarray, np.ndarray | None]
@@ -43,6 +44,9 @@ class RewardConfig:
     def __post_init__(self) -> None:
         """Check the numbers."""
         _ = self.law
+        for name, term in FURTHER_TERMS.items():
+            weight = getattr(self, term.weight)
+            require(weight >= 0, f"the weight of the reward term {name} is {weight}, but must not be negative")
 
     @property
     def law(self) -> _core.RewardLaw:

@@ -149,7 +149,7 @@ class PolicyTraining:
     batch: int = 100
     """Samples or sequences a step, over all processes together."""
     learning_rate: float = 1e-4
-    """Before any schedule; of bcq its sampler's."""
+    """Before any schedule; for bcq, the learning rate of its sampler."""
     weight_decay: float = 0.0
     """AdamW's; with 0 it is Adam."""
     schedule: Schedule = "constant"
@@ -204,7 +204,9 @@ class PolicyTraining:
         exact = algorithm.bfloat16 or self.precision == "float32"
         require(exact, f"{self.algorithm} learns in float32 alone: drop --precision {self.precision}")
         hint, seen = self.network.hint, self.observation
-        require(algorithm.hints or hint is None, f"{self.algorithm} reads no hint: drop --hint, or choose bc or bc-rnn")
+        require(
+            algorithm.hints or hint is None, f"{self.algorithm} reads no hint: drop --hint, or choose another algorithm"
+        )
         if hint is not None and hint.instead_of_pictures:
             require(len(seen.cameras) > 0, "a hint instead of pictures needs pictures: --observations image")
             listed = " ".join((*seen.low_dim, HINT_KEY))

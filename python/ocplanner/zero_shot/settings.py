@@ -50,7 +50,8 @@ class TransferConfig:
     control: Annotated[ControlSettings, _FOLLOW_FLAG, tyro.conf.arg(name="follow")] = field(
         default_factory=ControlSettings
     )
-    """Advance along the plan when the object is there, by time, or blindly by the plan's differences (the paper's)."""
+    """gated: advance along the plan when the object is there. time: by the clock. open-loop: send the plan's differences,
+    as the paper does."""
     visual: Visual | None = field(default=None, metadata=_label("{}", "{} visuals"))
     """Visual preset; must be the one that the planner was trained on, which is the default."""
     allow_mismatch: bool = field(default=False, metadata=_label("", ""))
@@ -68,8 +69,8 @@ class TransferConfig:
     pose_noise: Annotated[tuple[float, float], tyro.conf.arg(metavar="MM DEG")] = field(
         default=(0.0, 0.0), metadata=_label("noise{:g}mm{:g}deg", "pose noise {:g} mm {:g}°")
     )
-    """Make the object's pose wrong that grasping and following read: standard deviations of its position along each
-    axis and of its angle about a random axis, drawn anew each control step."""
+    """Add noise to the object's pose as grasping and following read it, anew each control step: standard deviations of
+    its position along each axis and of its angle about a random axis."""
     pose_latency: Annotated[int, tyro.conf.arg(metavar="STEPS")] = field(
         default=0, metadata=_label("latency{}", "{}-step pose latency")
     )
@@ -90,7 +91,7 @@ class TransferConfig:
 
     @property
     def pose_error(self) -> PoseError:
-        """How wrong the object's pose is that grasping and following read."""
+        """The error of the object's pose as grasping and following read it."""
         return PoseError(*self.pose_noise, self.pose_latency)
 
     @property
