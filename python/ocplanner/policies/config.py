@@ -204,9 +204,7 @@ class PolicyTraining:
         exact = algorithm.bfloat16 or self.precision == "float32"
         require(exact, f"{self.algorithm} learns in float32 alone: drop --precision {self.precision}")
         hint, seen = self.network.hint, self.observation
-        require(
-            algorithm.hints or hint is None, f"{self.algorithm} reads no hint: drop --hint, or choose another algorithm"
-        )
+        require(algorithm.hints or hint is None, f"{self.algorithm} reads no hint: drop --hint, or change --algorithm")
         if hint is not None and hint.instead_of_pictures:
             require(len(seen.cameras) > 0, "a hint instead of pictures needs pictures: --observations image")
             listed = " ".join((*seen.low_dim, HINT_KEY))

@@ -50,8 +50,8 @@ class TransferConfig:
     control: Annotated[ControlSettings, _FOLLOW_FLAG, tyro.conf.arg(name="follow")] = field(
         default_factory=ControlSettings
     )
-    """gated: advance along the plan when the object is there. time: by the clock. open-loop: send the plan's differences,
-    as the paper does."""
+    """gated: advance along the plan when the object is there. time: by the clock. open-loop: send the plan's
+    differences, as the paper does."""
     visual: Visual | None = field(default=None, metadata=_label("{}", "{} visuals"))
     """Visual preset; must be the one that the planner was trained on, which is the default."""
     allow_mismatch: bool = field(default=False, metadata=_label("", ""))
