@@ -136,6 +136,8 @@ def test_a_further_term_is_a_function_and_a_weight(monkeypatch):
     np.testing.assert_allclose(found.reward, -(0.5 * found.position + 0.25 * found.rotation + 2.0 * error), rtol=1e-12)
     assert list(found.terms) == ["ocp_reward_position", "ocp_reward_rotation", "ocp_reward_height"]
     assert found.last.terms["ocp_reward_height"] == error[-1:]
+    with pytest.raises(InvalidValueError, match="weight of the reward term height is -1"):
+        WithHeight(height=-1.0)
 
 
 def test_without_further_terms_only_the_papers_two_are_named():

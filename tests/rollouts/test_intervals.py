@@ -95,3 +95,10 @@ def test_is_repeatable_and_converges():
 def test_impossible_outcomes(wrong):
     with pytest.raises(InvalidValueError, match="training"):
         seed_level_interval([np.array(each) for each in wrong])
+
+
+def test_rates_near_one_are_not_more_certain_than_all_episodes_together():
+    nearly = outcomes(99, 100, 100, episodes=100)
+    low, high = seed_level_interval(nearly)
+    assert (low, high) == (wilson(299, 300)[0], 1.0)
+    assert low < 0.982  # the bootstrap alone would say 0.987

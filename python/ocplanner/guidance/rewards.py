@@ -15,6 +15,23 @@ ObjectPoses: TypeAlias = tuple[np.ndarray, np.ndarray | None]
 """Positions (T, 3) float64 in m and rotations (T, 3, 3) float64, object -> world, or None."""
 
 
+class FurtherTerm(NamedTuple):
+    """A term of E beside the paper's position and rotation.
+
+    Attributes:
+        weight: field of :class:`RewardConfig` that holds its weight; give it the default 0.
+        error: planned and achieved poses -> (T,) float64, unweighted.
+    """
+
+    weight: str
+    error: Callable[[ObjectPoses, ObjectPoses], np.ndarray]
+
+
+FURTHER_TERMS: dict[str, FurtherTerm] = {}
+"""Terms by name. To add one, write its function and its weight in this file and name it here: ``ocplanner label`` then
+has its flag and writes it as ``ocp_reward_<name>``, and live rewards report it under that name."""
+
+
 @dataclass(frozen=True)
 class RewardConfig:
     """How the weighted error E = a |p' - p|^2 + b |r' - r|^2 of a transition becomes its reward.
@@ -57,23 +74,6 @@ class RewardConfig:
 
 
 DEFAULT_REWARD = RewardConfig()
-
-
-class FurtherTerm(NamedTuple):
-    """A term of E beside the paper's position and rotation.
-
-    Attributes:
-        weight: field of :class:`RewardConfig` that holds its weight; give it the default 0.
-        error: planned and achieved poses -> (T,) float64, unweighted.
-    """
-
-    weight: str
-    error: Callable[[ObjectPoses, ObjectPoses], np.ndarray]
-
-
-FURTHER_TERMS: dict[str, FurtherTerm] = {}
-"""Terms by name. To add one, write its function and its weight in this file and name it here: ``ocplanner label`` then
-has its flag and writes it as ``ocp_reward_<name>``, and live rewards report it under that name."""
 
 
 class Rewards(NamedTuple):

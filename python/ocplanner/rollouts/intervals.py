@@ -31,10 +31,11 @@ def seed_level_interval(
     The episodes of one training depend on that training, so the episodes of several are not one binomial sample. As in
     rliable (Agarwal et al. 2021), each resample draws trainings with replacement, and then episodes within each drawn
     training. The interval spans the 2.5th to the 97.5th percentile of the resampled rates. An episode is drawn with its
-    outcomes at all checkpoints, because all checkpoints start it from the same state.
+    outcomes at all checkpoints, so that checkpoints which start from the same states do not count as new episodes.
 
-    With one training, the interval says nothing about other trainings. If all outcomes are equal, so are all resamples;
-    then the result is the Wilson interval of the episodes that all trainings have at one checkpoint.
+    Resamples of rates near 0 and 1 differ too little, so the interval is never narrower than the Wilson interval of all
+    outcomes together. If all outcomes are equal, the result is the Wilson interval of the episodes that all trainings
+    have at one checkpoint. With one training, the interval says nothing about other trainings.
 
     Args:
         outcomes: for each training, whether its episodes succeeded: (episodes,) or (checkpoints, episodes) of bool, or
@@ -65,4 +66,5 @@ def seed_level_interval(
         chosen = drawn == number
         rates[chosen] = rate[rng.integers(len(rate), size=(int(chosen.sum()), len(rate)))].mean(axis=1)
     low, high = np.quantile(rates.mean(axis=1), (0.025, 0.975))
-    return float(low), float(high)
+    pooled = wilson(sum(int(training.sum()) for training in trainings), sum(training.size for training in trainings))
+    return min(float(low), pooled[0]), max(float(high), pooled[1])
