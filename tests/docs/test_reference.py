@@ -35,7 +35,7 @@ def test_it_is_built_without_a_network(reference, tmp_path, monkeypatch):
     text = front.read_text()
     for name in ("Planner", "Demonstrations", "plan_reward", "RewardConfig"):
         assert f'id="{name}"' in text
-    assert "threads to deal a batch out to" in text  # of Planner.plan
+    assert "how many threads share a batch" in text  # of Planner.plan
     assert 'src="http' not in text
     pages = {str(page.relative_to(tmp_path)) for page in tmp_path.rglob("*.html")}
     assert {"index.html", "ocplanner/envs/environment.html", "ocplanner/policies/bcq.html"} <= pages

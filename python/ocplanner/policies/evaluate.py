@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from ocplanner.envs.environment import make_env
@@ -22,7 +21,7 @@ from ocplanner.planner.planner import Planner
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.rollout import PolicyRollout
 from ocplanner.rollouts.episodes import run_episodes
-from ocplanner.rollouts.intervals import seed_level_interval, wilson
+from ocplanner.rollouts.intervals import wilson
 from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require
 from ocplanner.versions import installed, running_command
@@ -194,17 +193,6 @@ def checkpoints(path: Path, last: int | None = None) -> list[Path]:
             "`ocplanner train-policy`"
         )
     return found[-(last or 0) :]
-
-
-def rate_interval(outcomes: Sequence[np.ndarray]) -> tuple[float, float]:
-    """95 % interval of a success rate: Wilson's of a single training, over trainings and episodes of several.
-
-    Args:
-        outcomes: for each training (episodes,) bool, whether each succeeded; no two start from the same state.
-    """
-    if len(outcomes) == 1:
-        return wilson(int(outcomes[0].sum()), len(outcomes[0]))
-    return seed_level_interval(outcomes)
 
 
 def _journal(out: Path) -> Path:

@@ -13,7 +13,7 @@ from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.records.labels import LabelRecord
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import HintConfig, PolicyTraining, training_from_dict
-from ocplanner.policies.evaluate import rate_interval
+from ocplanner.rollouts.intervals import rate_interval
 from ocplanner.settings import to_dict
 
 _OF_ONE_TRAINING = ("seed", "threads", "device")

@@ -12,7 +12,6 @@ from ocplanner.errors import ResultFileError
 from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.storage import atomic_json
 from ocplanner.policies.config import PolicyTraining, training_from_dict
-from ocplanner.policies.evaluate import rate_interval
 from ocplanner.reproduction.policy_experiments import (
     VARIANTS,
     PolicyExperiment,
@@ -20,6 +19,7 @@ from ocplanner.reproduction.policy_experiments import (
     table1_experiments,
     table2_experiments,
 )
+from ocplanner.rollouts.intervals import rate_interval
 
 Cell = tuple[str, str, str]
 """Algorithm, observations, variant."""

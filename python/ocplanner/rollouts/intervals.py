@@ -68,3 +68,14 @@ def seed_level_interval(
     low, high = np.quantile(rates.mean(axis=1), (0.025, 0.975))
     pooled = wilson(sum(int(training.sum()) for training in trainings), sum(training.size for training in trainings))
     return min(float(low), pooled[0]), max(float(high), pooled[1])
+
+
+def rate_interval(outcomes: Sequence[np.ndarray]) -> tuple[float, float]:
+    """95 % interval of a success rate: Wilson's of a single training, over trainings and episodes of several.
+
+    Args:
+        outcomes: for each training (episodes,) bool, whether each succeeded; no two start from the same state.
+    """
+    if len(outcomes) == 1:
+        return wilson(int(outcomes[0].sum()), len(outcomes[0]))
+    return seed_level_interval(outcomes)
