@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 from machine import machine
 
-from ocplanner.envs import ManipulationEnv, make_env
-from ocplanner.envs.rendering import open_renderers
+from ocplanner.envs import ManipulationEnv, make_env, rendering
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.versions import installed
@@ -61,7 +60,7 @@ class Place:
             self._env.observe()
         self._episodes += 1
         alive = sum(isinstance(item, ManipulationEnv) for item in gc.get_objects())
-        return {**own_use(), "contexts": len(open_renderers()), "environments": alive, "episodes": self._episodes}
+        return {**own_use(), "contexts": len(rendering._open), "environments": alive, "episodes": self._episodes}
 
     def close(self) -> None:
         if self._env is not None:

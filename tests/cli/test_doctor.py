@@ -35,7 +35,7 @@ def test_processor_features(tmp_path: Path, flags: str, slow: bool):
 
 
 def test_little_disk_is_a_note(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(doctor, "_WANTED_FREE_GB", 1e9)
+    monkeypatch.setattr(doctor, "_NEEDED_FREE_GB", 1e9)
     finding = doctor.check_disk(tmp_path)
     assert finding.remedy is not None
     assert not finding.fatal

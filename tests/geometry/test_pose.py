@@ -1,10 +1,9 @@
-"""Poses form a group; the core composes and inverts them alike."""
+"""Poses form a group."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocplanner import _core
 from ocplanner.geometry.pose import Pose
 from ocplanner.geometry.rotation import rotation_exp
 
@@ -26,12 +25,6 @@ def test_poses_form_a_group(a, b, c):
     assert_close(a @ a.inverse(), IDENTITY)
     assert_close(a.inverse() @ a, IDENTITY)
     assert_close((a @ b).inverse(), b.inverse() @ a.inverse())
-
-
-@given(poses, poses)
-def test_the_core_composes_and_inverts_alike(a, b):
-    assert_close(Pose(*_core.compose_poses(a, b)), a @ b)
-    assert_close(Pose(*_core.invert_pose(a)), a.inverse())
 
 
 @given(poses, st.floats(-1, 1))

@@ -21,11 +21,11 @@ def test_an_unknown_form_lists_the_known():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"a": -1.0}, "position weight a: -1"),
-        ({"b": float("nan")}, "rotation weight b: NaN"),
-        ({"a": float("inf")}, "position weight a: inf"),
-        ({"form": "exp", "scale": 0.0}, "scale: 0"),
-        ({"form": "potential", "gamma": 1.5}, "gamma: 1.5"),
+        ({"a": -1.0}, "position weight a: found -1"),
+        ({"b": float("nan")}, "rotation weight b: found NaN"),
+        ({"a": float("inf")}, "position weight a: found inf"),
+        ({"form": "exp", "scale": 0.0}, "scale: found 0"),
+        ({"form": "potential", "gamma": 1.5}, "gamma: found 1.5"),
     ],
 )
 def test_bad_numbers_are_named(change, message):
