@@ -10,8 +10,8 @@ from rich.console import Console
 from ocplanner.cli.transfer import EpisodeBar
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import InvalidValueError
-from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
+from ocplanner.zero_shot.settings import TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.zero_shot.result import TransferResult
@@ -34,7 +34,7 @@ class Matrix:
     """The arms."""
     episodes: int = 50
     """Episodes of each task on each robot."""
-    seed_start: int = FIRST_SEED
+    seed_start: int = FIRST_EVALUATION_SEED
     """Seed of the first episode; the others follow."""
     config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
     workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=WorkerSettings)

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ocplanner.progress import counting_columns
-from ocplanner.rollouts.settings import WorkerSettings
-from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
+from ocplanner.zero_shot.settings import TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.files.records.episode import EpisodeResult
@@ -29,7 +29,7 @@ class Transfer:
     """The arm, such as Panda, Sawyer or UR5e; an unknown name lists all of them."""
     episodes: int = 50
     """Episodes to run."""
-    seed_start: int = FIRST_SEED
+    seed_start: int = FIRST_EVALUATION_SEED
     """Seed of the first episode; the others follow."""
     config: Annotated[TransferConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TransferConfig)
     workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=WorkerSettings)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ocplanner.errors import MismatchError, ResultFileError
-from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
+from ocplanner.zero_shot.settings import TransferConfig
 
 if TYPE_CHECKING:
     from ocplanner.files.records.episode import EpisodeResult
@@ -70,7 +71,7 @@ class View:
         if self.source.suffix == ".json":
             return self._again()
         setup = TransferSetup.of((self.source, *self.planner), self.robot, self.config)
-        return record_playback(setup, FIRST_SEED if self.seed is None else self.seed)
+        return record_playback(setup, FIRST_EVALUATION_SEED if self.seed is None else self.seed)
 
     def _again(self) -> "Playback":
         from ocplanner.report.viewer import record_playback

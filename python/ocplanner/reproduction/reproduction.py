@@ -15,8 +15,8 @@ from ocplanner.errors import OutputError
 from ocplanner.files.storage import atomic_write
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.reproduction.experiments import PlannerExperiment, TransferExperiment
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
 from ocplanner.zero_shot.result import read_result
-from ocplanner.zero_shot.settings import FIRST_SEED
 
 
 def run_command(arguments: list[str], log: Path) -> None:
@@ -81,7 +81,7 @@ def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes
         _check_kept(out, planner, episodes)
         return experiment.name
     flags = ["--robot", experiment.robot, "--follow", experiment.follow]
-    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_SEED), "--workers", str(workers)]
+    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_EVALUATION_SEED), "--workers", str(workers)]
     if experiment.mask_error:
         flags += ["--mask-error", str(experiment.mask_error)]
     if experiment.pose_noise is not None:
@@ -93,10 +93,10 @@ def transfer(experiment: TransferExperiment, work: Path, results: Path, episodes
 
 def _check_kept(out: Path, planner: Path, episodes: int) -> None:
     found = read_result(out)
-    if [run.seed for run in found.runs] != list(range(FIRST_SEED, FIRST_SEED + episodes)):
+    if [run.seed for run in found.runs] != list(range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + episodes)):
         raise OutputError(
             f"{out} holds {found.episodes} episodes from seed {found.runs[0].seed} on, not {episodes} from "
-            f"{FIRST_SEED} on; give the --episodes that made it, choose other --results, or delete it"
+            f"{FIRST_EVALUATION_SEED} on; give the --episodes that made it, choose other --results, or delete it"
         )
     if planner.exists() and hashlib.sha256(planner.read_bytes()).hexdigest() != found.planner_sha256:
         raise OutputError(
@@ -108,7 +108,7 @@ def transfer_matrix(seed: int, work: Path, results: Path, episodes: int, workers
     """Run the missing cells of every task on every arm, with the planners of one training seed."""
     out = results / "matrix.json"
     flags = ["--planners", str(results / "planners"), "--planner-seed", str(seed), "--workers", str(workers)]
-    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_SEED), "--out", str(out)]
+    flags += ["--episodes", str(episodes), "--seed-start", str(FIRST_EVALUATION_SEED), "--out", str(out)]
     run_command(["matrix", *flags], work / "logs" / "matrix.log")
     return out
 

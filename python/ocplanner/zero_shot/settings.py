@@ -15,12 +15,7 @@ from ocplanner.control.settings import ControlSettings, FollowMode
 from ocplanner.envs import ControlLoop
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.envs.visuals import Visual
-from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
 from ocplanner.settings import build, require, require_choice, to_dict
-
-FIRST_SEED = FIRST_EVALUATION_SEED
-"""Of the first episode; the seeds of the others follow it."""
-
 
 _FOLLOW_FLAG = tyro.constructors.PrimitiveConstructorSpec(
     nargs=1,

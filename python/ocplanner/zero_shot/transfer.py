@@ -10,10 +10,10 @@ from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.files.storage import check_free, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
-from ocplanner.rollouts.settings import WorkerSettings
+from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
 from ocplanner.settings import require
 from ocplanner.zero_shot.result import TransferResult, with_episodes
-from ocplanner.zero_shot.settings import FIRST_SEED, TransferConfig
+from ocplanner.zero_shot.settings import TransferConfig
 from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
 from ocplanner.zero_shot.task_planners import TaskPlanners
 
@@ -63,7 +63,7 @@ def transfer(
     )
 
 
-def seeds_of(episodes: int | Sequence[int], start: int = FIRST_SEED) -> Sequence[int]:
+def seeds_of(episodes: int | Sequence[int], start: int = FIRST_EVALUATION_SEED) -> Sequence[int]:
     """The seed of each episode.
 
     Args:
