@@ -1,4 +1,6 @@
-from ocplanner.demos.recorded_task import carriers, object_of, recorded_task, segment_rule
+import numpy as np
+
+from ocplanner.demos.recorded_task import carriers, object_of, part_gripper, recorded_task, segment_rule
 from ocplanner.demos.segments import DEFAULT_RULE
 
 
@@ -9,7 +11,7 @@ def test_an_environment_without_a_layout_is_known_by_its_task():
 
 
 def test_nothing_after_the_release_is_kept_of_an_object_that_is_led_along_its_plan():
-    assert segment_rule("ToolHang", "tool").after == 0
+    assert segment_rule("ToolHang", "tool").fall == 0
     assert segment_rule("ToolHang", "frame") == segment_rule("Wipe", "cube") == DEFAULT_RULE
 
 
@@ -21,3 +23,13 @@ def test_an_object_that_is_handed_over_has_a_part_for_each_arm():
     assert [carriers("TwoArmTransport", part) for part in found.parts] == [(0,), (1,), (0,), (1,)]
     assert carriers("TwoArmTransport", "payload") == (0, 1)
     assert [segment_rule("TwoArmTransport", part).at_rest for part in found.parts] == [False, False, True, False]
+
+
+def test_what_happens_between_two_hands_is_neither_arms_part():
+    giver = np.array([-1, 1, 1, 1, 1, 1, 1, -1, -1, -1])
+    taker = np.array([-1, -1, -1, -1, -1, 1, 1, 1, 1, -1])
+    both = np.column_stack([giver, taker]).astype(float)
+    assert part_gripper(both, "TwoArmTransport", "payload:0").tolist() == [-1, 1, 1, 1, 1, -1, -1, -1, -1, -1]
+    assert part_gripper(both, "TwoArmTransport", "payload:1").tolist() == [-1] * 7 + [1, 1, -1]
+    assert part_gripper(both, "TwoArmTransport", "payload").tolist() == [-1] + [1] * 8 + [-1]
+    assert part_gripper(both, "TwoArmTransport", "lid").tolist() == giver.tolist()

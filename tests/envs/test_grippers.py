@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from ocplanner.envs import make_env
 from ocplanner.envs.simulator import mujoco
+from ocplanner.geometry.pose import Pose
 
 
 def test_jacos_finger_meets_the_thumb_along_the_turned_line(shared_env):
@@ -34,3 +36,22 @@ def test_a_distance_that_mujoco_takes_for_zero_is_asked_for_again(shared_env, mo
     np.testing.assert_array_equal(env.data.geom_xpos, places)
     monkeypatch.setattr(mujoco, "mj_geomDistance", lambda *_: 0.0)
     assert gripper.opening == 0.0
+
+
+@pytest.mark.parametrize("robot", ["IIWA", "Jaco"])
+def test_the_stroke_does_not_depend_on_where_the_hand_is_first_seen(robot):
+    found = []
+    for height in (0.0, 0.2):
+        with make_env("Lift", robot, cameras=()) as env:
+            cube = env.object_pose()
+            env.place_eef(Pose(cube.position + [0, 0, height], env.eef_pose().rotation), restarts=0)
+            gaps = []
+            for opening in (0.0, 0.03, 1.0):
+                env.arms[0].gripper.set_opening(opening)
+                mujoco.mj_kinematics(env.model, env.data)
+                gaps.append(env.gripper_opening)
+            found.append(gaps)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert found[0][0] < 0.005
+    assert found[0][1] == pytest.approx(0.03, abs=0.006)
+    assert found[0][2] > 0.1

@@ -34,7 +34,7 @@ def synthetic_frames(demonstrations: int, horizon: int, seed: int, steps: int = 
         rotations = np.stack(
             [np.cos(yaw), -np.sin(yaw), zero, np.sin(yaw), np.cos(yaw), zero, zero, zero, one], axis=1
         ).reshape(steps, 3, 3)
-        futures.append(future(positions, rotations, 0, steps, horizon))
+        futures.append(future(positions, rotations, np.arange(steps), horizon))
         empty = np.full((steps, size, size, 3), 60, np.uint8)
         mask = np.zeros((steps, size, size), bool)
         silhouettes = np.zeros((steps, 2, size, size), bool)

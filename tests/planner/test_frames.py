@@ -40,18 +40,17 @@ def with_render(path: Path, copy: Path, **changes) -> Path:
     return copy
 
 
-@given(length=st.integers(2, 30), horizon=st.integers(1, 50), data=st.data())
-def test_futures_are_the_next_poses_padded_with_the_last(length, horizon, data):
-    start = data.draw(st.integers(0, length - 1))
-    stop = data.draw(st.integers(start + 1, length))
-    positions = np.arange(3.0 * length).reshape(length, 3)
-    rotations = np.arange(9.0 * length).reshape(length, 3, 3)
-    found = future(positions, rotations, start, stop, horizon)
-    assert found.positions.shape == (stop - start, horizon, 3)
-    assert found.rotations.shape == (stop - start, horizon, 3, 3)
-    for i, t in enumerate(range(start, stop)):
+@given(rows=st.sets(st.integers(0, 29), min_size=1), horizon=st.integers(1, 50))
+def test_futures_are_the_next_kept_poses_padded_with_the_last(rows, horizon):
+    kept = np.array(sorted(rows))
+    positions = np.arange(90.0).reshape(30, 3)
+    rotations = np.arange(270.0).reshape(30, 3, 3)
+    found = future(positions, rotations, kept, horizon)
+    assert found.positions.shape == (len(kept), horizon, 3)
+    assert found.rotations.shape == (len(kept), horizon, 3, 3)
+    for i in range(len(kept)):
         for k in range(horizon):
-            assert np.array_equal(found.positions[i, k], positions[min(t + k + 1, stop - 1)])
+            assert np.array_equal(found.positions[i, k], positions[kept[min(i + k + 1, len(kept) - 1)]])
 
 
 def test_the_visual_preset_is_read_from_the_data_set(rendered, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from ocplanner.collection.attempts import attempt
 from ocplanner.control.settings import ControlSettings
-from ocplanner.demos.recorded_task import carriers, object_of, segment_rule
+from ocplanner.demos.recorded_task import object_of, part_gripper, segment_rule
 from ocplanner.demos.segments import manipulation_segment
 from ocplanner.envs import make_env
 from ocplanner.geometry.pose import Pose
@@ -120,7 +120,7 @@ def replays(env, seed: int) -> dict[str, Replay]:
     for part in (part for spec in env.task.objects for part in spec.parts):
         known = poses[object_of(part)]
         arrays = [np.array([pose[number] for pose in known]) for number in (0, 1)]
-        gripper = np.array(grippers)[:, list(carriers(env.task.env_name, part))].max(axis=1)
+        gripper = part_gripper(np.array(grippers), env.task.env_name, part)
         segment = manipulation_segment(*arrays, gripper, segment_rule(env.task.env_name, part))
         found[part] = Replay(env, object_of(part), known[segment.start : segment.stop])
     return found

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from ocplanner.demos.layouts import Order, detect_order, split_object
-from ocplanner.demos.recorded_task import carriers, object_of, recorded_task, segment_rule
+from ocplanner.demos.recorded_task import carriers, object_of, part_gripper, recorded_task, segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.errors import DatasetError, InvalidValueError, ObjectLayoutError
 from ocplanner.files.hdf5 import HDF5File
@@ -143,11 +143,12 @@ class Demonstration:
         return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
 
     def carrier_actions(self, part: str) -> np.ndarray:
-        """:meth:`gripper_actions` of the arms that carry an object, or of the one arm of a part (``payload:0``)."""
-        return self.gripper_actions(carriers(self._recording.env_name, part))
+        """(T,) the gripper's action of the hand that carries an object; see :func:`part_gripper`."""
+        arms = range(1 + max(carriers(self._recording.env_name, object_of(part))))
+        return part_gripper(self.gripper_actions(arms), self._recording.env_name, part)
 
     def gripper_actions(self, arms: Sequence[int] = (0,)) -> np.ndarray:
-        """(T,) the joint command to several grippers: above 0 if any of them closes, below 0 if all open.
+        """(T, n) the joint command to each of n grippers: above 0 closes, below 0 opens.
 
         Args:
             arms: numbers of the robots.
@@ -161,7 +162,7 @@ class Demonstration:
         if max(columns) >= actions.shape[1]:
             fault = f"shape {actions.shape}, too few for arm {max(arms)}"
             raise self._error("actions", fault, "record it with as many arms as the task needs")
-        return actions[:, columns].max(axis=1)
+        return actions[:, columns]
 
     def object_layout(self) -> Order | None:
         """The detected order of ``object``; None if the file has no such observation.

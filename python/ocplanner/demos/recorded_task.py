@@ -4,12 +4,13 @@ from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
 
+import numpy as np
+
 from ocplanner.demos.layouts import TASK_OBJECTS
-from ocplanner.demos.segments import DEFAULT_RULE, SegmentRule
+from ocplanner.demos.segments import DEFAULT_RULE, SegmentRule, closed_spans
 from ocplanner.envs.tasks import ObjectSpec, Task, task_of_env
 from ocplanner.envs.tasks.task import PART
 from ocplanner.errors import UnknownNameError
-
 
 class RecordedTask(NamedTuple):
     """The task that recordings show.
@@ -57,9 +58,9 @@ def segment_rule(env_name: str, part: str) -> SegmentRule:
     the arm holds the object still for the next one.
     """
     spec = _object(env_name, object_of(part))
-    if spec is not None and part in spec.parts[:-1]:
-        return replace(DEFAULT_RULE, at_rest=True)
-    return replace(DEFAULT_RULE, after=0) if spec is not None and spec.placing == "trace" else DEFAULT_RULE
+    if spec is not None and part != spec.name:
+        return replace(DEFAULT_RULE, at_rest=part != spec.parts[-1])
+    return replace(DEFAULT_RULE, fall=0.0) if spec is not None and spec.placing == "trace" else DEFAULT_RULE
 
 
 def carriers(env_name: str, part: str) -> tuple[int, ...]:
@@ -68,6 +69,41 @@ def carriers(env_name: str, part: str) -> tuple[int, ...]:
     if spec is None:
         return (0,)
     return spec.arms if part == spec.name else (spec.arms[spec.parts.index(part)],)
+
+
+def part_gripper(grippers: np.ndarray, env_name: str, part: str) -> np.ndarray:
+    """(T,) above 0 where a hand that carries an object closes, below 0 where it opens.
+
+    The part of an arm that hands the object over ends when the next arm closes its hand, and that arm's part begins
+    when the first one opens: what the object does between two hands is nobody's manipulation.
+
+    Args:
+        grippers: (T, arms) the actions of all grippers.
+        env_name: robosuite's name of the environment.
+        part: an object, or what one arm does with it (``payload:0``).
+    """
+    spec, arms = _object(env_name, object_of(part)), carriers(env_name, part)
+    own = grippers[:, list(arms)].max(axis=1)
+    if spec is None or len(arms) == len(spec.arms):
+        return own
+    place = spec.arms.index(arms[0])
+    if place + 1 < len(spec.arms):
+        taken, _ = _hand_over(own, grippers[:, spec.arms[place + 1]])
+        own[taken:] = -1.0
+    if place > 0:
+        _, given = _hand_over(grippers[:, spec.arms[place - 1]], own)
+        own[:given] = -1.0
+    return own
+
+
+def _hand_over(giver: np.ndarray, taker: np.ndarray) -> tuple[int, int]:
+    """The step at which the taker closes on what the giver still holds, and that at which the giver opens."""
+    taken = closed_spans(taker)
+    for close, opened in reversed(closed_spans(giver)):
+        for grasp, release in taken:
+            if close < grasp < opened <= release:
+                return grasp, opened
+    return len(giver), 0
 
 
 def _task(env_name: str) -> Task | None:

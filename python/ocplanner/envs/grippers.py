@@ -1,5 +1,6 @@
 """A gripper's fingers and opening, measured on the model rather than listed for each gripper."""
 
+import copy
 from functools import cached_property
 from typing import Any
 
@@ -26,10 +27,10 @@ class Gripper:
 
     def __init__(self, robot: Any, model: Any, data: Any, spec: RobotSpec) -> None:
         arm = robot.arms[0]
+        self._robot = robot
         self._gripper = robot.gripper[arm]
         self._model = model
         self._data = data
-        self._doubts_zero = spec.doubts_zero
         self._qpos = np.array(robot._ref_gripper_joint_pos_indexes[arm])
         self._actuators = np.array(robot._ref_joint_gripper_actuator_indexes[arm])
         self._pinned_qpos = np.array(robot._ref_joint_pos_indexes)
@@ -59,11 +60,15 @@ class Gripper:
 
     @cached_property
     def _stroke(self) -> tuple[np.ndarray, np.ndarray]:
-        """Openings in ascending order (levels,) and the finger joints at each (levels, joints), from one closing."""
-        model = self._model
+        """Openings in ascending order (levels,) and the finger joints at each (levels, joints), from one closing.
+
+        The fingers close on nothing, with the arm in its home posture: whatever the environment shows when this is
+        first read, the answer is the same.
+        """
+        model = _touching_nothing_else(self._model, self._gripper)
         data = mujoco.MjData(model)
-        data.qpos[:] = self._data.qpos
-        arm = data.qpos[self._pinned_qpos].copy()
+        data.qpos[self._pinned_qpos] = arm = np.array(self._robot.init_qpos, dtype=np.float64)
+        data.qpos[self._qpos] = self._gripper.init_qpos
         saved = self._gripper.current_action
         low, high = model.actuator_ctrlrange[self._actuators].T
         openings, postures = [], []
@@ -103,7 +108,7 @@ class Gripper:
             return float(mujoco.mj_geomDistance(self._model, data, left, right, _FARTHEST_M, None))
 
         found, position = distance(), data.geom_xpos[left].copy()
-        if found != 0.0 or not self._doubts_zero:
+        if found != 0.0:
             return found
         try:
             for nudge in np.eye(3) * _NUDGE_M:
@@ -126,3 +131,13 @@ class Gripper:
                 if body and body.startswith(prefix) and self._model.geom_contype[geom]:
                     ids.add(geom)
         return np.array(sorted(ids))
+
+
+def _touching_nothing_else(model: Any, gripper: Any) -> Any:
+    """A copy of a model in which only a gripper's own parts can touch each other."""
+    alone = copy.copy(model)
+    for geom in range(model.ngeom):
+        body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, model.geom_bodyid[geom]) or ""
+        if not body.startswith(gripper.naming_prefix):
+            alone.geom_contype[geom] = alone.geom_conaffinity[geom] = 0
+    return alone

@@ -30,8 +30,6 @@ class RobotSpec:
         squeeze_round_steps: the same for a round object, which has no flat side.
         spread: gap between the fingers before a grasp, beyond the object's width, metres; None: fully open. A slow
             gripper has no time to open further.
-        doubts_zero: whether a gap of exactly 0 is measured again. MuJoCo sometimes reports 0 for fingers that are
-            apart; a hand that closes until the gap is small would then stop too early.
         turn: angle about the approach from the line along which the fingers meet to the closing axis, radians. It is
             not 0 for a hand whose three fingers meet askew.
         middle: centre of the held object in the end-effector site's frame, metres.
@@ -48,7 +46,6 @@ class RobotSpec:
     squeeze_round_steps: int = 0
     spare_finger: str | None = None
     spread: float | None = None
-    doubts_zero: bool = False
     turn: float = 0.0
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
     patches: tuple[str, ...] = ()
@@ -79,7 +76,6 @@ ROBOTS = {
             squeeze_round_steps=13,
             spare_finger="pinky",
             spread=0.02,
-            doubts_zero=True,
             turn=0.18,
             middle=(0.002, 0.016, 0.005),
         ),

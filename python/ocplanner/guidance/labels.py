@@ -109,7 +109,7 @@ class Labeller:
 
     def _held(self, demo: Demonstration, poses: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """(T,) bool: one of the arms that carry the object holds it, by its own hand and gripper."""
-        arms = [held_steps(*poses, demo.hand_positions(arm), demo.gripper_actions((arm,))) for arm in self._arms]
+        arms = [held_steps(*poses, demo.hand_positions(arm), demo.gripper_actions((arm,))[:, 0]) for arm in self._arms]
         return np.any(arms, axis=0)
 
     def _drawn(self, demo: Demonstration) -> Demonstration:

@@ -108,18 +108,17 @@ class Future(NamedTuple):
     rotations: np.ndarray
 
 
-def future(positions: np.ndarray, rotations: np.ndarray, start: int, stop: int, horizon: int) -> Future:
-    """Poses at t+1 ... t+H for each t in start ... stop - 1, padded with the segment's last pose.
+def future(positions: np.ndarray, rotations: np.ndarray, rows: np.ndarray, horizon: int) -> Future:
+    """Poses of the next H kept steps of each kept step, padded with the last one's pose.
 
     Args:
         positions: (T, 3) of a whole demonstration, metres.
         rotations: (T, 3, 3).
-        start: first kept step.
-        stop: one past the last kept step.
+        rows: (n,) the kept steps, ascending.
         horizon: H.
     """
-    steps = np.arange(start, stop)[:, None] + np.arange(1, horizon + 1)[None, :]
-    steps = np.minimum(steps, stop - 1)
+    following = np.arange(len(rows))[:, None] + np.arange(1, horizon + 1)[None, :]
+    steps = rows[np.minimum(following, len(rows) - 1)]
     return Future(positions[steps].astype(np.float32), rotations[steps].astype(np.float32))
 
 
@@ -240,8 +239,9 @@ def load_frames(
         except DatasetError as error:
             say(f"{name} is left out: {error}")
             continue
-        poses = future(positions, rotations, segment.start, segment.stop, config.network.horizon)
-        kept.append((name, poses, _pictures(demos[name], slice(segment.start, segment.stop), config)))
+        rows = np.array(segment.rows)
+        poses = future(positions, rotations, rows, config.network.horizon)
+        kept.append((name, poses, _pictures(demos[name], rows, config)))
     if not kept:
         raise DatasetError(f"{demos.path}: {object_name} is manipulated in none of the {len(names)} demonstrations")
     cameras = {}
@@ -260,7 +260,7 @@ def load_frames(
     )
 
 
-def _pictures(demo: Demonstration, kept: slice, config: PlannerTraining) -> dict[str, CameraFrames]:
+def _pictures(demo: Demonstration, kept: np.ndarray, config: PlannerTraining) -> dict[str, CameraFrames]:
     pictures = {camera: _camera_pictures(demo, camera, kept, config.observe) for camera in config.cameras}
     for camera, frames in pictures.items():
         black = int((~frames.scene.any(axis=(1, 2, 3))).sum())
@@ -272,7 +272,7 @@ def _pictures(demo: Demonstration, kept: slice, config: PlannerTraining) -> dict
     return pictures
 
 
-def _camera_pictures(demo: Demonstration, camera: str, kept: slice, observe: str) -> CameraFrames:
+def _camera_pictures(demo: Demonstration, camera: str, kept: np.ndarray, observe: str) -> CameraFrames:
     if observe != "masked":
         return CameraFrames(demo.images(camera, kept))
     keys = demo.observation_keys

@@ -81,5 +81,4 @@ def observations_figure(
 def _kept_path(demos: Demonstrations, name: str) -> np.ndarray:
     demo = demos[name]
     positions, _ = demo.object_poses(demo.object_names[0])
-    segment = demo.manipulation()
-    return positions[segment.start : segment.stop]
+    return positions[list(demo.manipulation().rows)]

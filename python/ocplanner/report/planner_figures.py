@@ -122,16 +122,17 @@ def _plan_grid(
     camera, horizon = planner.header.cameras[0], planner.header.horizon
     pictures, planned, true, titles = [], [], [], []
     for part in parts:
-        start, stop = part.segment.start, part.segment.stop
-        steps = np.linspace(start, stop - 1, columns + 1)[:-1].round().astype(int)
+        rows = np.array(part.segment.rows)
+        shown = np.linspace(0, len(rows) - 1, columns + 1)[:-1].round().astype(int)
+        steps = rows[shown]
         positions = planner.plan(_images(planner, demos, part, steps)).position
-        follows = future(part.positions, part.rotations, start, stop, horizon).positions
+        follows = future(part.positions, part.rotations, rows, horizon).positions[shown]
         states = demos[part.name].states
-        for step, plan in zip(steps, positions):
+        for step, plan, recorded in zip(steps, positions, follows):
             env.set_state(states[step])
             pictures.append(env.render(camera, size, size))
             planned.append(env.project(camera, plan, size, size))
-            true.append(env.project(camera, follows[step - start], size, size))
+            true.append(env.project(camera, recorded, size, size))
             titles.append(f"{part.name}, step {step}")
     title = f"Planned and true object trajectories, {horizon} steps ahead"
     return plan_grid(pictures, planned, true, titles=titles, columns=columns, title=title)

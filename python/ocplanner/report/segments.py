@@ -51,7 +51,18 @@ def _panel(axes: Axes, demo: Demonstration, object_name: str) -> None:
     gripper = demo.carrier_actions(object_name)
     segment = demo.manipulation(object_name)
     steps = np.arange(len(positions))
-    axes.axvspan(segment.start, segment.stop - 1, color=_KEPT, alpha=0.18, linewidth=0, label="kept")
+    axes.fill_between(
+        steps,
+        0,
+        1,
+        where=np.isin(steps, segment.rows).tolist(),
+        transform=axes.get_xaxis_transform(),
+        color=_KEPT,
+        alpha=0.18,
+        linewidth=0,
+        step="mid",
+        label="kept",
+    )
     axes.plot(steps, positions[:, 2], color=_HEIGHT, label=f"height of {object_name}")
     axes.fill_between(
         steps,
