@@ -51,7 +51,7 @@ def test_the_stroke_does_not_depend_on_where_the_hand_is_first_seen(robot):
                 mujoco.mj_kinematics(env.model, env.data)
                 gaps.append(env.gripper_opening)
             found.append(gaps)
-    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_allclose(found[0], found[1], atol=2e-6)  # a doubtful zero is asked for again a micrometre aside
     assert found[0][0] < 0.005
     assert found[0][1] == pytest.approx(0.03, abs=0.006)
     assert found[0][2] > 0.1
