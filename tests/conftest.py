@@ -4,6 +4,7 @@ import functools
 import json
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -11,11 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from ocplanner.envs import ManipulationEnv, make_env
+from ocplanner.geometry.pose import Pose
+
 # A busy machine must not fail a test; pytest's own timeout ends what hangs.
 settings.register_profile("ocplanner", deadline=None)
 settings.load_profile("ocplanner")
 
-PANDA_HOME = np.array([0.0, 0.196, 0.0, -2.618, 0.0, 2.942, 0.785])
+Joints = Callable[[np.ndarray], np.ndarray]
 GRASP_STEP, LIFT_STEP, RELEASE_STEP, STEPS = 24, 30, 78, 90
 
 
@@ -118,7 +122,7 @@ def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:
         "env_type" if modern else "type": 1,
         "env_kwargs": {"robots": ["Panda"], "control_freq": 20, "controller_configs": controllers},
     }
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w") as file, make_env("Square", "Panda", cameras=()) as env:
         data = file.create_group("data")
         data.attrs["env_args"] = json.dumps(env_args, indent=4)
         data.attrs["total"] = 4 * STEPS
@@ -126,7 +130,7 @@ def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:
             rng = np.random.default_rng(seed)
             demo = data.create_group(name)
             demo.attrs["num_samples"] = STEPS
-            arrays = _tiny_demonstration(rng, modern)
+            arrays = _tiny_demonstration(rng, modern, partial(_reached, env))
             if images:
                 arrays["obs/agentview_image"] = rng.integers(0, 256, (STEPS, 84, 84, 3), dtype=np.uint8)
             if modern:
@@ -139,7 +143,19 @@ def _write_tiny_square(path: Path, env_version: str, images: bool) -> None:
         file["mask/valid"] = np.array([b"demo_2"])
 
 
-def _tiny_demonstration(rng: np.random.Generator, modern: bool) -> dict[str, np.ndarray]:
+def _reached(env: ManipulationEnv, positions: np.ndarray) -> np.ndarray:
+    """The arm's joints with its hand at each of the positions, or as near as it gets."""
+    env.reset(0)
+    rotation, rows = env.eef_pose().rotation, env.arms[0].joints.qpos
+    found = []
+    for position in positions:
+        env.place_eef(Pose(position, rotation), restarts=0)
+        assert np.linalg.norm(env.eef_pose().position - position) < 2e-2
+        found.append(env.data.qpos[rows].copy())
+    return np.array(found)
+
+
+def _tiny_demonstration(rng: np.random.Generator, modern: bool, joints: Joints) -> dict[str, np.ndarray]:
     rest = np.array([rng.uniform(-0.115, -0.11), rng.uniform(0.11, 0.225), 0.83])
     above_peg = np.array([0.23, 0.10, 1.0])
     ease = _smooth(np.clip((np.arange(STEPS) - LIFT_STEP) / (RELEASE_STEP - 12 - LIFT_STEP), 0, 1))
@@ -171,7 +187,7 @@ def _tiny_demonstration(rng: np.random.Generator, modern: bool) -> dict[str, np.
     opening = np.where(gripper > 0, 0.01, 0.04)
     states = np.zeros((STEPS, 45))
     states[:, 0] = np.arange(STEPS) / 20
-    states[:, 1:8] = PANDA_HOME + rng.normal(0, 0.02, 7)
+    states[:, 1:8] = joints(eef_pos)
     states[:, 8], states[:, 9] = opening, -opening
     states[:, 10:17] = np.concatenate([nut_pos, nut_quat[:, [3, 0, 1, 2]]], axis=1)
     states[:, 17:24] = [0, 0, 10, 1, 0, 0, 0]

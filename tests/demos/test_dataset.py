@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import ReadSettings
 from ocplanner.errors import DatasetError, UnknownNameError
 from ocplanner.files.records.render import RenderRecord
 
@@ -103,16 +104,6 @@ def test_works_in_forked_processes(tiny_square):
     assert _sums(demos) == expected
 
 
-def test_raw_robosuite_recordings_are_named(data_folder, tmp_path):
-    path = tmp_path / "raw.hdf5"
-    with h5py.File(path, "w") as file:
-        file.create_group("data/demo_1")
-        file["data"].attrs.update({"env": "Lift", "repository_version": "1.4.0", "env_info": "{}"})
-    for raw in [path, *data_folder.glob("*_raw.hdf5")]:
-        with pytest.raises(DatasetError, match=r"raw robosuite recording .*robosuite 1\..*convert_robosuite"):
-            Demonstrations(raw)
-
-
 def test_what_is_no_data_set(tmp_path):
     with pytest.raises(DatasetError, match="no such file"):
         Demonstrations(tmp_path / "absent.hdf5")
@@ -180,21 +171,25 @@ def _no_demonstrations(file: h5py.File) -> None:
     del file["data/demo_0"], file["data/demo_1"], file["data/demo_2"], file["data/demo_10"]
 
 
-def _no_env_args(file: h5py.File) -> None:
-    del file["data"].attrs["env_args"]
+def _nothing_seen(file: h5py.File) -> None:
+    del file["data/demo_0/obs"], file["data/demo_0/states"]
+
+
+def _nothing(file: h5py.File) -> None:
+    del file["data"].attrs["env_args"], file["data/demo_0/actions"]
 
 
 OBJECT, ACTIONS, STATES = (f"data/demo_0/{key}" for key in ("obs/object", "actions", "states"))
 FAULTS = {
     "no data": (_delete("data"), "data: no such group"),
     "no demonstrations": (_no_demonstrations, "no demonstration"),
-    "no env_args": (_no_env_args, "no attribute env_args"),
     "env_args no JSON": (_env_args("{"), "not JSON"),
-    "env_args a list": (_env_args("[]"), "no object with an env_name"),
+    "env_args a list": (_env_args("[]"), r"no object \(list\)"),
     "no env_name": (_env_args("{}"), "no object with an env_name"),
     "no actions": (_delete(ACTIONS), "actions: not there.*obs.*rewards.*states"),
     "no object": (_delete(OBJECT), "no pose of SquareNut"),
-    "no obs": (_delete("data/demo_0/obs"), "no pose of SquareNut.*none"),
+    "neither obs nor states": (_nothing_seen, "states: not there; data/demo_0 holds: actions"),
+    "nothing": (_nothing, "no attribute env_args, and no demonstration with actions"),
     "short states": (_replace(STATES, np.zeros((3, 45))), r"\(3, 45\), but there are 90"),
     "flat actions": (_replace(ACTIONS, np.zeros(90)), "expected 2 dimension"),
     "wide actions": (_replace(ACTIONS, np.zeros((90, 8))), r"expected \(steps, 7\)"),
@@ -248,3 +243,53 @@ def test_square_ph(square_ph):
         positions, rotations = demos[name].object_poses("SquareNut")
         np.testing.assert_array_equal(positions, demos[name].states[:, 10:13])
         np.testing.assert_allclose(np.linalg.det(rotations), 1, atol=1e-12)
+
+
+def test_a_file_that_does_not_say_its_task_gives_what_it_holds(copy):
+    with h5py.File(copy, "r+") as file:
+        del file["data"].attrs["env_args"]
+        del file["data/demo_0/states"]
+        file.create_group("data/demo_0/states")
+        del file["data/demo_1/states"]
+        file["data/demo_1/states"] = np.zeros(1)
+    with Demonstrations(copy) as demos:
+        assert (demos.kind, demos.env_name, demos.robots) == ("other", "", ())
+        for demo in demos:
+            assert demo.actions.shape == (90, 7)
+            assert demo.observation("robot0_eef_pos").shape == (90, 3)
+        with pytest.raises(DatasetError, match=r"does not say its task.*train-policy --low-dim"):
+            demos.task()
+
+
+def test_a_mask_lists_each_demonstration_once(copy):
+    with h5py.File(copy, "r+") as file:
+        del file["mask/train"]
+        file["mask/train"] = np.array([b"demo_1", b"demo_0", b"demo_1"])
+    with Demonstrations(copy) as demos:
+        assert demos.mask("train") == ["demo_0", "demo_1"]
+        assert demos.listed("train") == ["demo_1", "demo_0", "demo_1"]
+
+
+def test_what_a_mask_names_in_vain_can_be_skipped(copy):
+    with h5py.File(copy, "r+") as file:
+        del file["mask/train"]
+        file["mask/train"] = np.array([b"demo_1", b"demo_99"])
+    with Demonstrations(copy, reading=ReadSettings(skip_bad=True)) as demos:
+        assert demos.mask("train") == ["demo_1"]
+    with Demonstrations(copy) as demos, pytest.raises(DatasetError, match=r"demo_99.*--skip-bad"):
+        demos.mask("train")
+
+
+def test_other_names_of_observations(copy, tmp_path):
+    with h5py.File(copy, "r+") as file:
+        for name in file["data"]:
+            file.move(f"data/{name}/obs/robot0_eef_pos", f"data/{name}/obs/ee_pos")
+    names = tmp_path / "keys.json"
+    names.write_text('{"robot0_eef_pos": "ee_pos"}')
+    with Demonstrations(copy, reading=ReadSettings(keys=names)) as demos:
+        assert "robot0_eef_pos" in demos[0].observation_keys
+        np.testing.assert_array_equal(demos[0].eef_positions, demos[0].observation("ee_pos"))
+    for text, fault in (("{", "cannot be read"), ("[1]", "no object of texts"), ('{"a": 1}', "no object of texts")):
+        names.write_text(text)
+        with pytest.raises(DatasetError, match=fault):
+            Demonstrations(copy, reading=ReadSettings(keys=names))

@@ -44,7 +44,7 @@ def test_the_stroke_does_not_depend_on_where_the_hand_is_first_seen(robot):
     for height in (0.0, 0.2):
         with make_env("Lift", robot, cameras=()) as env:
             cube = env.object_pose()
-            env.place_eef(Pose(cube.position + [0, 0, height], env.eef_pose().rotation), restarts=0)
+            env.place_eef(Pose(cube.position + np.array([0, 0, height]), env.eef_pose().rotation), restarts=0)
             gaps = []
             for opening in (0.0, 0.03, 1.0):
                 env.arms[0].gripper.set_opening(opening)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import ReadSettings
 from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.planner.config import NetworkConfig, PlannerTraining
 from ocplanner.planner.frames import data_settings, future, load_frames, split
@@ -76,7 +77,7 @@ def test_loading_keeps_the_manipulation_only(rendered):
     assert first.tolist() == list(range(len(first), 0, -1))
 
 
-def test_a_demonstration_without_manipulation_is_left_out_and_named(rendered, tmp_path):
+def test_a_demonstration_without_manipulation_is_left_out_on_demand_and_named(rendered, tmp_path):
     path = tmp_path / "idle.hdf5"
     shutil.copy(rendered, path)
     with h5py.File(path, "a") as file:
@@ -84,12 +85,14 @@ def test_a_demonstration_without_manipulation_is_left_out_and_named(rendered, tm
             array = file[f"data/demo_1/{key}"]
             array[...] = array[10]
     said = []
-    with Demonstrations(path) as demos:
+    with Demonstrations(path) as demos, pytest.raises(DatasetError, match=r"--skip-bad.*\n  demo_1: no manipulation"):
+        load_frames(demos, ["demo_0", "demo_1"], PlannerTraining(), "SquareNut")
+    with Demonstrations(path, reading=ReadSettings(skip_bad=True)) as demos:
         frames = load_frames(demos, ["demo_0", "demo_1"], PlannerTraining(), "SquareNut", said.append)
         assert frames.names == ("demo_0",)
         assert len(said) == 1
         assert said[0].startswith("demo_1 is left out: ")
-        with pytest.raises(DatasetError, match="none of the 1 demonstrations"):
+        with pytest.raises(DatasetError, match="none of 1 demonstrations"):
             load_frames(demos, ["demo_1"], PlannerTraining(), "SquareNut")
 
 

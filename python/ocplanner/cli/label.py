@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.guidance.settings import LabelSettings
 from ocplanner.progress import demonstrations_bar
 
@@ -30,6 +31,7 @@ class Label:
     """Another rendering of the same demonstrations, drawn as the planner was trained."""
     settings: Annotated[LabelSettings, tyro.conf.arg(name="")] = _DEFAULTS
     """What is written."""
+    reading: Annotated[ReadSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_READING
     limit: int | None = None
     """Label only the first so many demonstrations."""
     overwrite: bool = False
@@ -42,7 +44,7 @@ class Label:
         from ocplanner.planner.planner import Planner
 
         planner = Planner.load(self.planner)
-        with Demonstrations(self.source) as demos:
+        with Demonstrations(self.source, reading=self.reading) as demos:
             total = len(demos.names[: self.limit])
         console = Console(stderr=True)
         with demonstrations_bar("labelling", total, console) as advance:
@@ -52,9 +54,11 @@ class Label:
                 planner,
                 self.settings,
                 pictures=self.pictures,
+                reading=self.reading,
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,
+                say=console.print,
             )
         hints, reward = self.settings.hints, self.settings.reward
         written = [*(["hints"] if hints else []), *([f"rewards ({reward})"] if reward != "off" else [])]

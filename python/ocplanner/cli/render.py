@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 
 from ocplanner.collection.settings import RenderSettings
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.progress import demonstrations_bar
 from ocplanner.rollouts.settings import WorkerSettings
 
@@ -20,11 +21,12 @@ class Render:
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
-    """robomimic data set with states."""
+    """Data set with states: robomimic's, or a raw recording of robosuite's."""
     target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TARGET")]
     """File to make: a copy with images."""
     settings: Annotated[RenderSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=RenderSettings)
     workers: Annotated[WorkerSettings, tyro.conf.OmitArgPrefixes] = field(default_factory=lambda: WorkerSettings(2))
+    reading: Annotated[ReadSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_READING
     limit: int | None = None
     """Render the first so many demonstrations only."""
     overwrite: bool = False
@@ -35,7 +37,7 @@ class Render:
         from ocplanner.collection.render import render_dataset
         from ocplanner.demos.dataset import Demonstrations
 
-        with Demonstrations(self.source) as demos:
+        with Demonstrations(self.source, reading=self.reading) as demos:
             total = len(demos.names[: self.limit])
         console, settings = Console(stderr=True), self.settings
         with demonstrations_bar("rendering", total, console) as advance:
@@ -44,9 +46,11 @@ class Render:
                 self.target,
                 settings,
                 self.workers,
+                reading=self.reading,
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,
+                say=console.print,
             )
         console.print(
             f"wrote {path}: {total} demonstrations, {', '.join(settings.cameras)}, observe={settings.observe}"

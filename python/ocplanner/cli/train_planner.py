@@ -9,6 +9,7 @@ from typing import Annotated, get_args
 
 import tyro
 
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.files.records.planner import EncoderType
 from ocplanner.planner.config import PlannerTraining, Preset, preset
 
@@ -20,11 +21,12 @@ class TrainPlanner:
     """Train an object-centric planner on a rendered data set; run the same command again to continue after a stop."""
 
     data: Path
-    """Robomimic HDF5 with images, made by `ocplanner render`."""
+    """HDF5 with images, made by `ocplanner render`."""
     run_folder: Annotated[Path, tyro.conf.arg(name="run")]
     """Run folder: config.yaml, metrics.jsonl, TensorBoard events, checkpoints and planner.safetensors."""
     training: Annotated[PlannerTraining, tyro.conf.arg(name="")] = _CPU
     """Settings of the training; what is not given is the preset's."""
+    reading: Annotated[ReadSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_READING
 
     @classmethod
     def defaults(cls, arguments: Sequence[str]) -> "TrainPlanner":
@@ -43,7 +45,7 @@ class TrainPlanner:
         from ocplanner.planner.train import train_planner
         from ocplanner.report.page import write_report
 
-        planner = train_planner(self.training, self.data, self.run_folder)
+        planner = train_planner(self.training, self.data, self.run_folder, self.reading)
         write_report([self.run_folder], self.run_folder / "report.html")
         sys.stdout.write(f"{planner}\n")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.errors import InvalidValueError
 from ocplanner.policies.algorithms import ALGORITHMS, Algorithm, find_algorithm
 from ocplanner.policies.bcq_config import BCQConfig
@@ -39,6 +40,7 @@ class TrainPolicy:
     """Read the plan as a hint from obs/ocp_hint, with the horizons that the data set was labelled with."""
     training: Annotated[PolicyTraining, tyro.conf.arg(name=""), tyro.conf.AvoidSubcommands]
     """Settings of the training; what is not given is that of the preset, configuration or policy."""
+    reading: Annotated[ReadSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_READING
     processes: int = 1
     """Training processes on this machine; under torchrun those that it started."""
 
@@ -91,7 +93,9 @@ class TrainPolicy:
         data = self.data or (None if given is None else given.data)
         if data is None:
             raise InvalidValueError("no data set is named; give --data")
-        policy = train_policy(self.configuration(), data, self.run_folder, self.processes, self.sampler_from)
+        policy = train_policy(
+            self.configuration(), data, self.run_folder, self.processes, self.sampler_from, self.reading
+        )
         if first:
             sys.stdout.write(f"{policy}\n")
 

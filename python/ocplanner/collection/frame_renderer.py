@@ -7,11 +7,12 @@ import numpy as np
 from ocplanner.collection.settings import RenderSettings
 from ocplanner.collection.silhouettes import Hand, SilhouetteArm
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.recorded_world import RecordedWorld
 from ocplanner.demos.segments import Segment
 from ocplanner.envs import make_env
 from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import MASK_RGB
-from ocplanner.errors import DatasetError, ShapeError
+from ocplanner.errors import DatasetError
 
 _POSE_TOLERANCE_M = 1e-3
 
@@ -23,17 +24,20 @@ class FrameRenderer:
         task_name: the task.
         robot: the recorded arm.
         settings: what is drawn.
+        grippers: ``gripper_types`` of the data set.
 
     Raises:
+        MismatchError: another gripper was recorded than the arm is simulated with.
         UnknownNameError: the task has no such camera, or a name is not known.
         RenderingError: no working headless OpenGL.
     """
 
-    def __init__(self, task_name: str, robot: str, settings: RenderSettings) -> None:
+    def __init__(self, task_name: str, robot: str, settings: RenderSettings, grippers: object = None) -> None:
         self._settings = settings
         self._task = task_of_name(task_name)
         size, visual = settings.size, settings.visual
         self._env = make_env(self._task, robot, cameras=settings.cameras, image_size=size, visual=visual)
+        self._world = RecordedWorld(self._env, grippers)
         self._arms = [SilhouetteArm(self._task, robot, name, settings) for name in settings.silhouette_arms]
 
     def render(self, demo: Demonstration) -> dict[str, np.ndarray]:
@@ -44,8 +48,9 @@ class FrameRenderer:
 
         Raises:
             DatasetError: the states do not belong to this task and arm.
+            MismatchError: another arm, gripper or scene was recorded.
         """
-        settings, states = self._settings, demo.states
+        settings, states = self._settings, self._world.open(demo)
         poses = {spec.name: demo.object_poses(spec.name) for spec in self._task.objects}
         segments = self._segments(demo)
         kept = [row for segment in segments for row in range(segment.start, segment.stop)]
@@ -54,7 +59,7 @@ class FrameRenderer:
         outlined = {row for segment in segments for row in range(segment.start, segment.stop, stride)}
         arrays = self._allocate(demo.length)
         for arm in self._arms:
-            arm.start()
+            arm.start(demo.model_file)
         for row in rows:
             self._set_state(demo, row, states[row], {name: places[row] for name, (places, _) in poses.items()})
             self._draw(arrays, row)
@@ -87,10 +92,7 @@ class FrameRenderer:
         return arrays
 
     def _set_state(self, demo: Demonstration, row: int, state: np.ndarray, recorded: Mapping[str, np.ndarray]) -> None:
-        try:
-            self._env.set_state(state)
-        except ShapeError as error:
-            raise DatasetError(f"{demo!r}: {error}; record the demonstration again") from error
+        self._world.show(demo, state)
         for name, position in recorded.items():
             off = float(np.abs(self._env.object_pose(name).position - position).max())
             if off > _POSE_TOLERANCE_M:

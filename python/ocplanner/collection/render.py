@@ -13,8 +13,11 @@ import numpy as np
 from ocplanner.collection.frame_renderer import FrameRenderer
 from ocplanner.collection.settings import RenderSettings
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
-from ocplanner.envs.tasks import task_of_env
+from ocplanner.envs.tasks import Task
 from ocplanner.errors import DatasetError
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.rollouts.episodes import run_episodes
@@ -33,9 +36,11 @@ def render_dataset(
     settings: RenderSettings,
     workers: WorkerSettings = _ONE_WORKER,
     *,
+    reading: ReadSettings = DEFAULT_READING,
     limit: int | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Path:
     """Copy a data set and add images to it.
 
@@ -46,27 +51,32 @@ def render_dataset(
         target: the file to make.
         settings: what is drawn.
         workers: how many worker processes, and where.
+        reading: how the source is read.
         limit: render only the first so many demonstrations.
         overwrite: replace ``target`` if it exists.
         progress: called after each demonstration, first for those that an earlier call finished.
+        say: called with a line for each demonstration that is left out.
 
     Raises:
         InvalidValueError: ``limit`` is not positive.
-        DatasetError: the source has no states, or they are another task's or arm's.
+        DatasetError: the source has no states, or they are another task's or arm's, or some demonstrations cannot be
+            used.
+        MismatchError: another arm, gripper or scene was recorded than is simulated.
         OutputError: the target exists or cannot be written.
         RenderingError: no working headless OpenGL.
         WorkerError: a demonstration killed its process three times (out of memory?).
         ClusterError: there is no Ray cluster at the address.
     """
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
-    with Demonstrations(source) as demos:
-        task = task_of_env(demos.env_name)
+    with Demonstrations(source, reading=reading) as demos:
+        task = demos.task()
         if not demos.robots or demos.robots != demos.robots[:1] * task.arms:
             raise DatasetError(
                 f"{demos.path}: recorded with {' and '.join(demos.robots) or 'no robot on record'}, but {task.name} "
                 f"needs {'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}; record the data set again"
             )
-        names = demos.names[:limit]
+        masks = {mask: demos.mask(mask) for mask in demos.mask_names}
+        names = sound_names(demos, demos.names[:limit], partial(_needed, settings=settings, task=task), say)
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[RENDER_ATTRIBUTE] = settings.record().to_json()
         with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
@@ -74,23 +84,32 @@ def render_dataset(
             for name in names:
                 if name in done and progress:
                     progress(name, demos[name].length)
-            waiting = [number for number, name in enumerate(names) if name not in done]
-            make = partial(_Worker, demos.path.absolute(), task.name, demos.robots[0], settings)
+            waiting = [number for number, name in enumerate(demos.names) if name in names and name not in done]
+            make = partial(_Worker, demos.path.absolute(), reading, task.name, settings)
             for number, arrays in run_episodes(make, _Worker.render, waiting, workers):
                 demo = demos[number]
                 writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
                 if progress:
                     progress(demo.name, demo.length)
-            masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
+            masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
+
+
+def _needed(demo: Demonstration, settings: RenderSettings, task: Task) -> None:
+    """Read what drawing a demonstration needs."""
+    _ = demo.states
+    for spec in task.objects:
+        demo.object_poses(spec.name)
+        if settings.frames == "manipulation" or settings.silhouette_arms:
+            demo.manipulation(spec.name)
 
 
 class _Worker:
     """The source and the renderer of one process."""
 
-    def __init__(self, source: Path, task_name: str, robot: str, settings: RenderSettings) -> None:
-        self._demos = Demonstrations(source)
-        self._renderer = FrameRenderer(task_name, robot, settings)
+    def __init__(self, source: Path, reading: ReadSettings, task_name: str, settings: RenderSettings) -> None:
+        self._demos = Demonstrations(source, reading=reading)
+        self._renderer = FrameRenderer(task_name, self._demos.robots[0], settings, self._demos.grippers)
 
     def render(self, number: int) -> dict[str, np.ndarray]:
         return self._renderer.render(self._demos[number])

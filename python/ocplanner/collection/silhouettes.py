@@ -7,6 +7,7 @@ import numpy as np
 
 from ocplanner.collection.settings import RenderSettings
 from ocplanner.envs import make_env
+from ocplanner.envs.recorded_model import RecordedModels
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.tasks import Task
 from ocplanner.geometry.pose import Pose
@@ -40,15 +41,21 @@ class SilhouetteArm:
 
     def __init__(self, task: Task, source: str, name: str, settings: RenderSettings) -> None:
         self._env = make_env(task, name, cameras=settings.cameras, image_size=settings.size, visual=settings.visual)
+        self._models = RecordedModels(self._env)
         # Recorded site -> grasp frame -> this arm's site.
         straight = robot_spec(source).rotation_grasp_site.T @ robot_spec(name).rotation_grasp_site
         # Two fingers close alike after half a turn; which of the two the arm reaches more easily varies.
         self._both_turns = (straight, straight @ _HALF_TURN)
         self._turns = self._initial_turns()
 
-    def start(self) -> None:
-        """Begin a demonstration, so that its masks do not depend on earlier ones."""
+    def start(self, model_file: str | None) -> None:
+        """Begin a demonstration, so that its masks do not depend on earlier ones.
+
+        Args:
+            model_file: the recorded model, for the sizes of its objects.
+        """
         self._env.reset(0)
+        self._models.take_over(model_file, other_arm=True)
         self._turns = self._initial_turns()
 
     def masks(self, poses_objects: Mapping[str, Pose], hands: Sequence[Hand]) -> dict[str, np.ndarray]:

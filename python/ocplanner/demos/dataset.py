@@ -1,4 +1,4 @@
-"""Reading robomimic HDF5 files: v0.1, v1.4.1 and v1.5, with or without images, models, masks and next observations."""
+"""Reading HDF5 files of demonstrations: robomimic's of all versions, robosuite's own recordings, and other robots'."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -6,8 +6,14 @@ from pathlib import Path
 from typing import Any, Self, TypeVar, overload
 
 from ocplanner.demos.demonstration import Demonstration, Recording
+from ocplanner.demos.derived import DerivedObservations
 from ocplanner.demos.layouts import Order
+from ocplanner.demos.origin import Kind, origin_of
 from ocplanner.demos.recorded_task import recorded_task
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.envs.robots import ROBOTS
+from ocplanner.envs.tasks import Task, task_of_env
+from ocplanner.errors import DatasetError, UnknownNameError
 from ocplanner.files.hdf5 import HDF5File
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.files.records.render import RENDER_ATTRIBUTE, RenderRecord
@@ -15,12 +21,15 @@ from ocplanner.files.storage import natural_key
 
 _Record = TypeVar("_Record")
 
-_NOT_ROBOMIMIC = "this is not a robomimic data set: give the path of one"
 _RECORD_AGAIN = "record or download the data set again"
 
 
 class Demonstrations(Sequence[Demonstration]):
-    """The demonstrations of one robomimic file, read lazily.
+    """The demonstrations of one file, read lazily.
+
+    robomimic's files, with or without observations, and raw recordings of robosuite's ``collect_human_demonstrations``
+    read alike: what they lack is derived from their states in the simulator. A file that does not say its task and
+    robot (a real one's) gives what it holds.
 
     Each process opens the file for itself, so an instance can be pickled and used after a fork or a spawn.
 
@@ -28,16 +37,28 @@ class Demonstrations(Sequence[Demonstration]):
         path: the HDF5 file.
         object_layout: the order of the flat ``object`` observation, ``absolute-first`` (robosuite up to 1.4.1) or
             ``relative-first`` (from 1.5); None trusts the file's ``env_version``. Both are checked against the data.
+        reading: names of observations, and whether bad demonstrations are left out.
+
+    Attributes:
+        kind: what recorded the file, see :class:`ocplanner.demos.origin.Origin`.
+        env_args: robomimic's description of the environment; empty if the file has none.
+        reading: how it is read.
 
     Raises:
-        DatasetError: the file is missing, truncated, or not a robomimic data set.
+        DatasetError: the file is missing, truncated, or holds no demonstrations.
     """
 
-    def __init__(self, path: str | Path, object_layout: Order | None = None) -> None:
+    def __init__(
+        self, path: str | Path, object_layout: Order | None = None, reading: ReadSettings = DEFAULT_READING
+    ) -> None:
         self._file = HDF5File(path)
         self.path = self._file.path
+        self.reading = reading
+        self._derived: DerivedObservations | None = None
         try:
-            self.env_args: dict[str, Any] = self._read_env_args()
+            self.kind: Kind
+            self.env_args: dict[str, Any]
+            self.kind, self.env_args = origin_of(self._file)
             self.names: tuple[str, ...] = tuple(sorted(self._file.names("data"), key=natural_key))
             self.mask_names: tuple[str, ...] = tuple(sorted(self._file.names("mask")))
             if not self.names:
@@ -45,11 +66,23 @@ class Demonstrations(Sequence[Demonstration]):
         except BaseException:
             self.close()
             raise
-        self._recording = Recording(self.env_name, self.env_version, self._action_width(), object_layout)
+        self._derived = self._deriving()
+        self._recording = Recording(
+            self.env_name,
+            self.env_version,
+            self._action_width(),
+            object_layout,
+            reading.names,
+            raw=self.kind == "robosuite",
+            clipped=self._clips(),
+            derived=self._derived,
+        )
 
     def close(self) -> None:
-        """Close the file; reading afterwards opens it again."""
+        """Close the file and the simulation that observations are derived from; reading afterwards opens them again."""
         self._file.close()
+        if self._derived is not None:
+            self._derived.close()
 
     def __enter__(self) -> Self:
         """The file opens when it is first read."""
@@ -61,7 +94,7 @@ class Demonstrations(Sequence[Demonstration]):
 
     def __repr__(self) -> str:
         """Path, task and size."""
-        return f"Demonstrations({str(self.path)!r}: {self.env_name}, {len(self)} demonstrations)"
+        return f"Demonstrations({str(self.path)!r}: {self.task_name}, {len(self)} demonstrations)"
 
     def __len__(self) -> int:
         """Number of demonstrations."""
@@ -87,27 +120,46 @@ class Demonstrations(Sequence[Demonstration]):
         return (self[name] for name in self.names)
 
     def mask(self, name: str) -> list[str]:
-        """The names of the demonstrations in ``mask/<name>``, in natural order.
+        """The names of the demonstrations in ``mask/<name>``, each once, in natural order.
 
         Raises:
-            DatasetError: there is no such mask, or it names missing demonstrations.
+            DatasetError: there is no such mask, or it names missing demonstrations (which ``skip_bad`` leaves out).
         """
         key = f"mask/{name}"
         if name not in self.mask_names:
             known = ", ".join(self.mask_names) or "none"
             raise self._file.error(key, "no such mask", f"the file has: {known}")
-        entries = self._file.read(key).ravel().tolist()
-        listed = [entry.decode(errors="replace") if isinstance(entry, bytes) else str(entry) for entry in entries]
-        absent = sorted(set(listed) - set(self.names), key=natural_key)
-        if absent:
+        listed = set(self.listed(name))
+        absent = sorted(listed - set(self.names), key=natural_key)
+        if absent and not self.reading.skip_bad:
             fault = f"it names {', '.join(absent[:3])}, which data does not contain"
-            raise self._file.error(key, fault, "correct the mask or download the data set again")
-        return sorted(listed, key=natural_key)
+            remedy = "correct the mask, or leave out what is missing (--skip-bad)"
+            raise self._file.error(key, fault, remedy)
+        return sorted(listed & set(self.names), key=natural_key)
+
+    def listed(self, mask: str) -> list[str]:
+        """The entries of a mask as they stand, repeated and missing ones too."""
+        entries = self._file.read(f"mask/{mask}").ravel().tolist()
+        return [entry.decode(errors="replace") if isinstance(entry, bytes) else str(entry) for entry in entries]
+
+    def task(self) -> Task:
+        """The recorded task.
+
+        Raises:
+            DatasetError: the file does not say its environment.
+            UnknownNameError: no task uses that environment.
+        """
+        if not self.env_name:
+            raise DatasetError(
+                f"{self.path} does not say its task and robot (no env_args in data): only policies can be trained on "
+                "it (`ocplanner train-policy --low-dim KEYS`); for everything else record env_args too"
+            )
+        return task_of_env(self.env_name)
 
     @property
     def env_name(self) -> str:
-        """robosuite's name of the environment, such as ``NutAssemblySquare``."""
-        return str(self.env_args["env_name"])
+        """robosuite's name of the environment, such as ``NutAssemblySquare``; empty if the file does not say."""
+        return str(self.env_args.get("env_name", ""))
 
     @property
     def env_version(self) -> str | None:
@@ -162,35 +214,31 @@ class Demonstrations(Sequence[Demonstration]):
         except (TypeError, ValueError) as error:
             raise self._file.error(f"{attribute} of data", f"cannot be read ({error})", remedy) from error
 
-    def _read_env_args(self) -> dict[str, Any]:
-        if not self._file.has("data"):
-            held = ", ".join(self._file.names("/")[:5]) or "nothing"
-            raise self._file.error("data", f"no such group (the file holds: {held})", _NOT_ROBOMIMIC)
-        attributes = self._file.attributes("data")
-        if "env_args" in attributes:
-            return self._parse_env_args(attributes["env_args"])
-        if "repository_version" in attributes or "env_info" in attributes:
-            env, version = attributes.get("env", "?"), attributes.get("repository_version", "?")
-            raise self._file.error(
-                "data",
-                f"a raw robosuite recording ({env}, robosuite {version}), not a robomimic data set",
-                f"convert a copy with robomimic's convert_robosuite.py --dataset {self.path.name}, then extract the "
-                "observations with its dataset_states_to_obs.py",
-            )
-        raise self._file.error("data", "no attribute env_args", _NOT_ROBOMIMIC)
-
-    def _parse_env_args(self, text: Any) -> dict[str, Any]:
-        try:
-            env_args = json.loads(text)
-        except (TypeError, ValueError) as error:
-            raise self._file.error("env_args of data", f"not JSON ({error})", _RECORD_AGAIN) from error
-        if not isinstance(env_args, dict) or not isinstance(env_args.get("env_name"), str):
-            raise self._file.error("env_args of data", "no object with an env_name", _RECORD_AGAIN)
-        return env_args
-
     def _env_kwargs(self) -> dict[str, Any]:
         kwargs = self.env_args.get("env_kwargs")
         return kwargs if isinstance(kwargs, dict) else {}
+
+    @property
+    def grippers(self) -> object:
+        """``gripper_types`` of the recording as stored; None if it does not say."""
+        return self._env_kwargs().get("gripper_types")
+
+    def _deriving(self) -> DerivedObservations | None:
+        """What derives observations from states; None if task or robot are not known."""
+        task, robots = recorded_task(self.env_name), self.robots
+        if task is None or not robots or robots[0] not in ROBOTS or robots != robots[:1] * len(robots):
+            return None
+        try:
+            known = task_of_env(self.env_name)
+        except UnknownNameError:
+            return None
+        return DerivedObservations(known, robots[0], self.grippers)
+
+    def _clips(self) -> bool:
+        """Whether a controller clipped the actions to [-1, 1]: robosuite's for deltas do."""
+        controllers = json.dumps(self._env_kwargs().get("controller_configs"))
+        absolute = '"absolute"' in controllers or '"control_delta": false' in controllers
+        return '"OSC_' in controllers and not absolute
 
     def _action_width(self) -> int | None:
         """7 for each arm under OSC_POSE; None if the controller is another one or the file does not say."""

@@ -1,18 +1,23 @@
-"""One demonstration of a robomimic file, read lazily."""
+"""One demonstration of a file, read lazily."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
+from ocplanner.demos.derived import DERIVED_ORDER, DerivedObservations
 from ocplanner.demos.layouts import Order, detect_order, split_object
 from ocplanner.demos.recorded_task import carriers, object_of, part_gripper, recorded_task, segment_rule
 from ocplanner.demos.segments import Segment, manipulation_segment
 from ocplanner.errors import DatasetError, InvalidValueError, ObjectLayoutError
 from ocplanner.files.hdf5 import HDF5File
 from ocplanner.geometry.rotation import rotation_from_quat_xyzw
+
+_STATE_DIMS = 2
+_PICTURES = ("_image", "_depth", "_empty", "_mask", "_silhouettes")
 
 
 class Recording(NamedTuple):
@@ -23,12 +28,20 @@ class Recording(NamedTuple):
         env_version: robosuite's version at recording, or None.
         action_width: expected length of an action; None if the file does not say.
         object_layout: the order of ``object`` that the user stated, or None.
+        names: our names of observations -> the file's, where they differ.
+        raw: whether it is a raw recording of robosuite.
+        clipped: whether the controller clipped the actions to [-1, 1].
+        derived: what derives observations from the states; None if it cannot be done.
     """
 
     env_name: str
     env_version: str | None
     action_width: int | None
     object_layout: Order | None
+    names: Mapping[str, str] = MappingProxyType({})
+    raw: bool = False
+    clipped: bool = False
+    derived: DerivedObservations | None = None
 
 
 class Demonstration:
@@ -54,7 +67,7 @@ class Demonstration:
     @cached_property
     def length(self) -> int:
         """Number of steps T."""
-        return self._file.shape(self._key("actions"))[0]
+        return self._file.shape(self._key("actions"))[0] - self._late
 
     @property
     def attrs(self) -> dict[str, Any]:
@@ -62,33 +75,99 @@ class Demonstration:
         return self._file.attributes(f"data/{self.name}")
 
     @property
+    def model_file(self) -> str | None:
+        """The recorded MuJoCo model (XML), or what else stands for it; None if nothing does."""
+        found = self.attrs.get("model_file")
+        return None if found is None else str(found)
+
+    @property
     def states(self) -> np.ndarray:
-        """(T, D) flattened simulator states, each before its row's action; free joints as xyz and wxyz."""
+        """(T, D) flattened simulator states, each before its row's action; free joints as xyz and wxyz.
+
+        robosuite up to 1.0 recorded them after the action: they are moved to the next one, and the first action, whose
+        state is missing, is left out.
+        """
         return self._finite("states", dims=2)
 
     @property
     def actions(self) -> np.ndarray:
-        """(T, 7 arms) normalised OSC_POSE actions; the last of each arm's 7 is the gripper's (-1 opens, 1 closes)."""
+        """(T, 7 arms) normalised OSC_POSE actions; the last of each arm's 7 is the gripper's (-1 opens, 1 closes).
+
+        Outside [-1, 1] they are clipped, as robosuite's controllers for deltas did.
+        """
+        actions = self.recorded_actions
+        return np.clip(actions, -1.0, 1.0) if self._recording.clipped else actions
+
+    @property
+    def recorded_actions(self) -> np.ndarray:
+        """:attr:`actions` before any clipping."""
         actions = self._finite("actions", dims=2)
         width = self._recording.action_width
         if width is not None and actions.shape[1] != width:
             raise self._error("actions", f"shape {actions.shape}, expected (steps, {width})", "record it again")
         return actions
 
+    @cached_property
+    def _late(self) -> int:
+        """1 if each state was recorded after its action (robosuite up to 1.0), else 0.
+
+        The first state then has the time of one step, not that of the reset.
+        """
+        if not self._recording.raw or not self._has_states:
+            return 0
+        times = self._file.read(self._key("states"), slice(0, 2))[:, 0]
+        return int(len(times) == 2 and times[0] > (times[1] - times[0]) / 2)
+
+    @cached_property
+    def _has_states(self) -> bool:
+        key = self._key("states")
+        return "states" in self._file.names(f"data/{self.name}") and len(self._file.shape(key)) == _STATE_DIMS
+
     @property
     def rewards(self) -> np.ndarray:
-        """(T,) reward of the state after each action."""
+        """(T,) reward of the state after each action; if not recorded, 1 where the simulated task is solved, else 0.
+
+        The state after the last action is not recorded: the last one stands for it.
+        """
+        if self._lacks("rewards"):
+            success = self._derive()["success"].astype(np.float64)
+            return np.append(success[1:], success[-1:])
         return self._finite("rewards", dims=1)
 
     @property
     def dones(self) -> np.ndarray:
-        """(T,), 1 where the episode ends after the action."""
+        """(T,), 1 where the episode ends after the action; if not recorded, only at the last one."""
+        if self._lacks("dones"):
+            return (np.arange(self.length) == self.length - 1).astype(np.int64)
         return self._read("dones", dims=1)
 
     @cached_property
-    def observation_keys(self) -> tuple[str, ...]:
-        """The names under ``obs``; empty if there are none."""
+    def stored_keys(self) -> tuple[str, ...]:
+        """The names under ``obs`` in the file; empty if there are none."""
         return self._file.names(self._key("obs"))
+
+    @cached_property
+    def derived_keys(self) -> tuple[str, ...]:
+        """The names of observations that are not stored but derived from the states.
+
+        None are if the file has low-dimensional observations of its own.
+        """
+        derived = self._recording.derived
+        if derived is None or not self._has_states or any(_is_low_dim(key) for key in self.stored_keys):
+            return ()
+        return derived.keys
+
+    @cached_property
+    def observation_keys(self) -> tuple[str, ...]:
+        """The names of the observations, stored and derived ones."""
+        known = {*self.stored_keys, *self.derived_keys}
+        known |= {ours for ours, theirs in self._recording.names.items() if theirs in known}
+        return tuple(sorted(known))
+
+    def stored_hand(self, arm: int) -> np.ndarray | None:
+        """:meth:`hand_positions` if they are stored, not derived; else None."""
+        key = f"robot{arm}_eef_pos"
+        return self.hand_positions(arm) if key in self.observation_keys and key not in self.derived_keys else None
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -140,7 +219,7 @@ class Demonstration:
 
     def hand_positions(self, arm: int) -> np.ndarray:
         """(T, 3) end-effector (site) positions of the robot with this number, world, metres."""
-        return self._finite(f"obs/robot{arm}_eef_pos", dims=2)
+        return self._numbers(f"robot{arm}_eef_pos")
 
     def carrier_actions(self, part: str) -> np.ndarray:
         """(T,) the gripper's action of the hand that carries an object; see :func:`part_gripper`."""
@@ -173,15 +252,17 @@ class Demonstration:
         keys = self.observation_keys
         if "object" not in keys:
             return None
+        if "object" in self.derived_keys:
+            return DERIVED_ORDER
         has_eef = {"robot0_eef_pos", "robot0_eef_quat"} <= set(keys)
         try:
             return detect_order(
-                self._finite("obs/object", dims=2),
+                self._numbers("object"),
                 self._recording.env_name,
                 env_version=self._recording.env_version,
-                eef_pos=self._finite("obs/robot0_eef_pos", dims=2) if has_eef else None,
-                eef_quat_xyzw=self._finite("obs/robot0_eef_quat", dims=2) if has_eef else None,
-                states=self.states if self._file.has(self._key("states")) else None,
+                eef_pos=self._numbers("robot0_eef_pos") if has_eef else None,
+                eef_quat_xyzw=self._numbers("robot0_eef_quat") if has_eef else None,
+                states=self.states if self._has_states else None,
                 stated=self._recording.object_layout,
             )
         except ObjectLayoutError as error:
@@ -205,7 +286,7 @@ class Demonstration:
         """
         keys, object_name = self.observation_keys, object_of(object_name)
         if {f"{object_name}_pos", f"{object_name}_quat"} <= set(keys):
-            parts = [self._finite(f"obs/{object_name}_{part}", dims=2) for part in ("pos", "quat")]
+            parts = [self._numbers(f"{object_name}_{part}") for part in ("pos", "quat")]
             widths = tuple(part.shape[1] for part in parts)
             if widths != (3, 4):
                 fault = f"position and quaternion have widths {widths}, expected (3, 4)"
@@ -214,8 +295,9 @@ class Demonstration:
         else:
             order = self.object_layout()
             if order is None:
-                known = ", ".join(keys) or "none"
-                remedy = f"extract it with robomimic's dataset_states_to_obs.py (the file has: {known})"
+                remedy = (
+                    f"name the key that holds it (--keys), or record states (the file has: {', '.join(keys) or 'none'})"
+                )
                 raise self._error("obs/object", f"no pose of {object_name} in this file", remedy)
             pose = split_object(self.observation("object"), self._recording.env_name, object_name, order)
         try:
@@ -247,30 +329,65 @@ class Demonstration:
         return () if task is None else task.objects
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays of the demonstration by path (``actions``, ``obs/object``, ...), for a copy."""
-        return {path: self._file.read(self._key(path)) for path in self._file.arrays(f"data/{self.name}")}
+        """All stored arrays of the demonstration by path (``actions``, ``obs/object``, ...), for a copy.
+
+        Those of a raw recording are as :attr:`states` and :attr:`actions` give them.
+        """
+        paths = self._file.arrays(f"data/{self.name}")
+        if not self._recording.raw:
+            return {path: self._file.read(self._key(path)) for path in paths}
+        own = {"actions": self.actions, "states": self.states if self._has_states else None}
+        return {path: array for path in paths if (array := own[path] if path in own else self._read(path)) is not None}
 
     def copy_to(self, target: h5py.Group, name: str) -> None:
         """Copy it with its attributes to another open file, without unpacking compressed data."""
         self._file.copy(f"data/{self.name}", target, name)
+        if self._recording.raw:
+            for path, array in self.arrays().items():
+                del target[name][path]
+                target[name].create_dataset(path, data=array)
 
     def _key(self, key: str) -> str:
         return f"data/{self.name}/{key}"
+
+    def _lacks(self, key: str) -> bool:
+        """Whether an array is not stored, but can be derived."""
+        derivable = self._recording.derived is not None and self._has_states
+        return derivable and key not in self._file.names(f"data/{self.name}")
+
+    def _derive(self) -> dict[str, np.ndarray]:
+        derived = self._recording.derived
+        if derived is None:
+            raise self._error("states", "of an unknown task or robot", "record env_args with it")
+        return derived.of(self)
 
     def _observed(self, group: str, known: tuple[str, ...], key: str, rows: slice | np.ndarray) -> np.ndarray:
         if key not in known:
             remedy = f"the file has: {', '.join(known) or 'none'}"
             raise self._error(f"{group}/{key}", "no such observation", remedy)
-        return self._read(f"{group}/{key}", rows=rows)
+        if group == "obs" and key in self.derived_keys:
+            return self._derive()[key][rows]
+        return self._read(f"{group}/{self._recording.names.get(key, key)}", rows=rows)
+
+    def _numbers(self, key: str) -> np.ndarray:
+        """(T, n) finite numbers of ``obs/<key>``, stored or derived."""
+        if key in self.derived_keys:
+            return self._derive()[key]
+        return self._finite(f"obs/{self._recording.names.get(key, key)}", dims=2)
 
     def _read(self, key: str, dims: int | None = None, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        steps = self.length + self._late
+
         def check(shape: tuple[int, ...]) -> None:
             if dims is not None and len(shape) != dims:
                 raise self._error(key, f"shape {shape}, expected {dims} dimension(s)", "record it again")
-            if shape[0] != self.length:
-                raise self._error(key, f"shape {shape}, but there are {self.length} actions", "record it again")
+            if shape[0] != steps:
+                raise self._error(key, f"shape {shape}, but there are {steps} actions", "record it again")
 
-        return self._file.read(self._key(key), rows, check)
+        if not self._late:
+            return self._file.read(self._key(key), rows, check)
+        array = self._file.read(self._key(key), slice(None), check)
+        return (array[1:] if key == "actions" else array[:-1])[rows]
 
     def _finite(self, key: str, dims: int) -> np.ndarray:
         array = self._read(key, dims)
@@ -278,7 +395,7 @@ class Demonstration:
             raise self._error(key, f"dtype {array.dtype}, expected numbers", "record it again")
         if not np.all(np.isfinite(array)):
             place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            remedy = "leave the demonstration out of the mask or record it again"
+            remedy = "leave the demonstration out (--skip-bad) or record it again"
             raise self._error(key, f"{array[place]} at {list(place)}", remedy)
         return array
 
@@ -288,3 +405,10 @@ class Demonstration:
     def _damaged_object(self, error: InvalidValueError) -> DatasetError:
         remedy = "extract the observations again with robomimic's dataset_states_to_obs.py"
         return self._error("obs", f"an object's pose is damaged ({error})", remedy)
+
+
+def _is_low_dim(key: str) -> bool:
+    """Whether an observation is one of those that are derived, rather than a picture or a label."""
+    return (
+        key == "object" or (key.startswith("robot") and not key.endswith(_PICTURES)) or key.endswith(("_pos", "_quat"))
+    )

@@ -12,6 +12,7 @@ from ocplanner.envs.tasks import ObjectSpec, Task, task_of_env
 from ocplanner.envs.tasks.task import PART
 from ocplanner.errors import UnknownNameError
 
+
 class RecordedTask(NamedTuple):
     """The task that recordings show.
 

@@ -87,8 +87,8 @@ def manipulation_segment(
 
     With gripper actions, the spans count in which the closed gripper carries or lifts the object. The segment begins
     where the object leaves its place in the first of these spans, ends where the last of them opens, and goes on for
-    the beginning of the fall. This leaves out bumps before the grasp, missed grasps, and a gripper that closes again after the
-    release. Without gripper actions, the segment spans from the first motion after the settling to the last.
+    the beginning of the fall. This leaves out bumps before the grasp, missed grasps, and a gripper that closes again
+    after the release. Without gripper actions, the segment spans from the first motion after the settling to the last.
 
     Args:
         object_positions: (T, 3) world, metres.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ocplanner.envs.simulator import mujoco
+from ocplanner.envs.simulator import mujoco, robosuite
 from ocplanner.geometry.pose import Pose
 
 _DAMPING = 0.03
@@ -57,6 +57,12 @@ class ArmJoints:
             home=np.array(robot.init_qpos, dtype=np.float64),
             site=int(robot.eef_site_id[robot.arms[0]]),
         )
+
+
+def home_posture(robot: str) -> np.ndarray:
+    """(n,) robosuite's starting posture of an arm without its noise, radians."""
+    models = robosuite.models.robots.robot_model.REGISTERED_ROBOTS
+    return np.array(models[robot].init_qpos.fget(None), dtype=np.float64)
 
 
 def site_pose(data: Any, site: int) -> Pose:

@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import OutputError
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE, FileIdentity
@@ -24,9 +26,11 @@ def label_dataset(
     settings: LabelSettings = DEFAULT_LABELS,
     *,
     pictures: str | Path | None = None,
+    reading: ReadSettings = DEFAULT_READING,
     limit: int | None = None,
     overwrite: bool = False,
     progress: Callable[[str, int], None] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Path:
     """Copy a data set and add a planner's hints, plans and rewards to the copy (the paper's section 5).
 
@@ -51,10 +55,12 @@ def label_dataset(
         settings: what is written.
         pictures: a data set of the same demonstrations with the planner's images, if those of ``source`` are drawn
             differently (for the policy to see).
+        reading: how both data sets are read.
         limit: label only the first ``limit`` demonstrations.
         overwrite: replace ``target`` if it exists.
         progress: called with the name and the number of steps of each finished demonstration; those of an earlier run
             come first.
+        say: called with a line for each demonstration that is left out, and with how often the object is held.
 
     Raises:
         DatasetError: the source lacks images, object poses, or anything else that the labels need, or is labelled
@@ -69,10 +75,12 @@ def label_dataset(
         raise OutputError(f"{target} is the source itself; choose another output")
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
     with ExitStack() as opened:
-        demos = opened.enter_context(Demonstrations(source))
-        drawn = None if pictures is None else opened.enter_context(Demonstrations(pictures))
+        demos = opened.enter_context(Demonstrations(source, reading=reading))
+        drawn = None if pictures is None else opened.enter_context(Demonstrations(pictures, reading=reading))
         labeller = opened.enter_context(Labeller(planner, demos, settings, drawn))
-        names = demos.names[:limit]
+        masks = {mask: demos.mask(mask) for mask in demos.mask_names}
+        names = sound_names(demos, demos.names[:limit], labeller.needed, say)
+        labeller.check_held([demos[name] for name in names], say)
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         pictured = None if drawn is None else _identity(drawn)
         record = replace(labeller.record(), source=_identity(demos), pictures=pictured)
@@ -84,7 +92,7 @@ def label_dataset(
                     writer.add_copy(demos[name], labeller.label(demos[name]))
                 if progress:
                     progress(name, demos[name].length)
-            masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
+            masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
 
 

@@ -1,6 +1,6 @@
 """The arrays that labelling adds to one demonstration: hints and plans to read, rewards to learn from."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from ocplanner.planner.planner import Plan, Planner
 from ocplanner.settings import to_dict
 from ocplanner.versions import installed
 
+_HARDLY = 0.02
+"""Share of steps: people hold the object in a third of them and more."""
 _NOT_OBSERVED = ("_empty", "_mask", "_silhouettes")  # a camera's arrays for augmentation, which no policy sees
 
 
@@ -93,6 +95,33 @@ class Labeller:
         if self._settings.reward != "off":
             arrays |= self._rewards(demo, poses, held, plan)
         return arrays | self._next_observations(demo, arrays)
+
+    def needed(self, demo: Demonstration) -> None:
+        """Read what the labels of a demonstration need, without its pictures.
+
+        Raises:
+            DatasetError: something is missing or damaged.
+        """
+        self._held(demo, demo.object_poses(self._object))
+        if self._settings.reward != "off":
+            _ = demo.rewards, demo.dones
+
+    def check_held(self, demos: Sequence[Demonstration], say: Callable[[str], None] | None = None) -> None:
+        """Check that the robot holds the object now and then: labels are zero wherever it does not.
+
+        Raises:
+            DatasetError: it hardly ever does, though the object is carried or the gripper closes.
+        """
+        held = sum(int(self._held(demo, demo.object_poses(self._object)).sum()) for demo in demos)
+        steps = sum(demo.length for demo in demos)
+        if held < _HARDLY * steps:
+            raise DatasetError(
+                f"{self._pictures.path}: {self._object} is held in {held} of {steps} steps, so that labels would be "
+                "zero nearly everywhere: positive gripper actions must close the gripper (turn them round with "
+                "`ocplanner convert --flip-gripper`), and obs/robot0_eef_pos must be the hand that carries the object"
+            )
+        if say is not None:
+            say(f"{self._object} is held in {held} of {steps} steps ({held / steps:.0%})")
 
     def close(self) -> None:
         """Free the simulation that tells the base's frame."""

@@ -11,6 +11,7 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
 from ocplanner.demos.recorded_task import recorded_task
+from ocplanner.demos.soundness import sound_names
 from ocplanner.envs.tasks import tasks
 from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.files.records.render import RenderRecord
@@ -192,8 +193,10 @@ class Split(NamedTuple):
 def split(demos: Demonstrations, seed: int) -> Split:
     """``mask/train`` and ``mask/valid``, or a seeded split when the data set has no such masks.
 
+    A single demonstration is both: nothing is held out.
+
     Raises:
-        DatasetError: fewer than two demonstrations, or the masks overlap or are empty.
+        DatasetError: the masks overlap or are empty.
     """
     if {"train", "valid"} <= set(demos.mask_names):
         train, valid = demos.mask("train"), demos.mask("valid")
@@ -202,8 +205,9 @@ def split(demos: Demonstrations, seed: int) -> Split:
             fault = f"share {', '.join(both[:3])}" if both else "must both name demonstrations"
             raise DatasetError(f"{demos.path}: mask/train and mask/valid {fault}; mend the masks")
         return Split(train, valid, "mask/train and mask/valid")
-    if len(demos) < 2:
-        raise DatasetError(f"{demos.path}: {len(demos)} demonstration; at least 2 are needed, one of them to hold out")
+    if len(demos) == 1:
+        only = list(demos.names)
+        return Split(only, only, "the same one: a single demonstration leaves none to hold out")
     order = np.random.default_rng([seed, len(demos)]).permutation(len(demos))
     held = max(1, round(VALID_SHARE * len(demos)))
     names = [demos.names[i] for i in order]
@@ -226,24 +230,18 @@ def load_frames(
         names: which demonstrations.
         config: cameras, observation and horizon.
         object_name: the object, or an arm's part in carrying it, whose future is planned.
-        say: called with a line for each demonstration left out because the object is never manipulated in it.
+        say: called with a line for each demonstration that is left out.
 
     Raises:
-        DatasetError: an array is missing, frames were not rendered, or no frame is kept.
+        DatasetError: an array is missing, frames were not rendered, the object is never manipulated in some
+            demonstrations, or none is left.
     """
     kept = []
-    for name in names:
+    for name in sound_names(demos, names, lambda demo: demo.manipulation(object_name), say):
         positions, rotations = demos[name].object_poses(object_name)
-        try:
-            segment = demos[name].manipulation(object_name)
-        except DatasetError as error:
-            say(f"{name} is left out: {error}")
-            continue
-        rows = np.array(segment.rows)
+        rows = np.array(demos[name].manipulation(object_name).rows)
         poses = future(positions, rotations, rows, config.network.horizon)
         kept.append((name, poses, _pictures(demos[name], rows, config)))
-    if not kept:
-        raise DatasetError(f"{demos.path}: {object_name} is manipulated in none of the {len(names)} demonstrations")
     cameras = {}
     for camera in config.cameras:
         scene, mask, silhouettes = (_join(arrays) for arrays in zip(*(pictures[camera] for _, _, pictures in kept)))

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.errors import InvalidValueError, TrainingError
 from ocplanner.files.records.metrics import HeldOutErrors, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
@@ -32,13 +33,14 @@ from ocplanner.training.schedule import learning_rate
 ORDER = tuple(stage.name for stage in STAGES)
 
 
-def train_planner(config: PlannerTraining, data: Path, run: Path) -> Path:
+def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadSettings = DEFAULT_READING) -> Path:
     """Train on a rendered data set and write ``run/planner.safetensors``.
 
     Args:
         config: all settings; the same settings resume a stopped run.
         data: a robomimic HDF5 with images, see ``ocplanner render``.
         run: run folder, made if it does not exist.
+        reading: how the data set is read.
 
     Returns:
         The planner file's path.
@@ -50,7 +52,7 @@ def train_planner(config: PlannerTraining, data: Path, run: Path) -> Path:
         OutputError: the folder cannot be written, or another process trains in it.
     """
     progress = TrainingProgress()
-    with Demonstrations(data) as demos:
+    with Demonstrations(data, reading=reading) as demos:
         settings = data_settings(demos, config)
         parts = split(demos, config.seed)
         progress.say(f"{len(parts.train)} demonstrations to train on, {len(parts.valid)} held out ({parts.source})")

@@ -13,6 +13,7 @@ from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.guidance.hints import HINT_WIDTH
 from ocplanner.guidance.settings import LabelSettings
+from ocplanner.policies.algorithms import find_algorithm
 from ocplanner.policies.config import HINT_KEY, PolicyTraining
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
 from ocplanner.policies.transitions import TransitionBatch, Transitions
@@ -159,6 +160,19 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
         hint=None if hint is None else torch.from_numpy(hint),
         actions=torch.from_numpy(np.concatenate([_actions(demos, demo) for demo in chosen])),
     )
+
+
+def check_demonstration(demo: Demonstration, demos: Demonstrations, config: PolicyTraining) -> None:
+    """Read what a policy learns from a demonstration, without its pictures.
+
+    Raises:
+        DatasetError: a number is missing or not finite.
+    """
+    _ = demo.actions
+    for key in config.observation.low_dim:
+        _numbers(demos, demo, key)
+    if find_algorithm(config.algorithm).rewards:
+        _ = demo.rewards, demo.dones
 
 
 def _require_every_picture(demos: Demonstrations, cameras: Sequence[str]) -> None:

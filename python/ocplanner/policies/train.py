@@ -20,6 +20,8 @@ from torch.multiprocessing.spawn import ProcessException
 
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.demos.soundness import sound_names
 from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
 from ocplanner.files.records.labels import ActionScale, FrameName
 from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
@@ -31,7 +33,7 @@ from ocplanner.policies.bcq import encoded
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
-from ocplanner.policies.data import Samples, hint_horizons, load_samples
+from ocplanner.policies.data import Samples, check_demonstration, hint_horizons, load_samples
 from ocplanner.policies.frozen_sampler import check_recorded
 from ocplanner.policies.learner import Learner
 from ocplanner.policies.network import make_network
@@ -66,7 +68,12 @@ class Recorded(NamedTuple):
 
 
 def train_policy(
-    config: PolicyTraining, data: Path, run: Path, processes: int = 1, sampler: Path | None = None
+    config: PolicyTraining,
+    data: Path,
+    run: Path,
+    processes: int = 1,
+    sampler: Path | None = None,
+    reading: ReadSettings = DEFAULT_READING,
 ) -> Path:
     """Train on a robomimic data set and write ``run/policy.safetensors``.
 
@@ -79,6 +86,7 @@ def train_policy(
         processes: training processes on this machine: one a GPU, or CPU processes.
         sampler: file of the policy that proposes, if ``config`` is that of
             :func:`ocplanner.policies.frozen_sampler.frozen_sampler_training`.
+        reading: how the data set is read.
 
     Returns:
         The policy file's path: the last weights (averaged ones with ``ema``). Earlier ones are in ``run/policies``.
@@ -96,7 +104,7 @@ def train_policy(
         raise InvalidValueError(f"a batch of {config.batch} cannot be shared evenly by {world} processes; change one")
     fabric = _fabric(config, processes, elastic)
     try:
-        outcome = fabric.launch(partial(_process, config=config, data=data, run=run, sampler=sampler))
+        outcome = fabric.launch(partial(_process, config=config, data=data, run=run, sampler=sampler, reading=reading))
     except ProcessException as error:
         raise TrainingError(f"a training process died: {str(error).strip().splitlines()[-1]}") from error
     if isinstance(outcome, OcplannerError):
@@ -123,7 +131,7 @@ def _fabric(config: PolicyTraining, processes: int, elastic: bool) -> Fabric:
 
 
 def _process(
-    fabric: Fabric, config: PolicyTraining, data: Path, run: Path, sampler: Path | None
+    fabric: Fabric, config: PolicyTraining, data: Path, run: Path, sampler: Path | None, reading: ReadSettings
 ) -> Path | OcplannerError:
     """One process's training; errors for users come back as values, which survive the way between processes."""
     keep_freed_memory()
@@ -131,7 +139,7 @@ def _process(
     torch.set_num_threads(config.threads)
     try:
         proposing = _proposing(config, sampler)
-        recorded = read(config, data)
+        recorded = read(config, data, reading)
         if proposing is not None:
             check_recorded(proposing, recorded.header, data)
         folder = RunFolder(run)
@@ -158,21 +166,24 @@ def _claim(held: ExitStack, folder: RunFolder, recorded: Recorded) -> OcplannerE
     return None
 
 
-def read(config: PolicyTraining, data: Path) -> Recorded:
+def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_READING) -> Recorded:
     """The demonstrations to train on, and ``mask/valid`` where there is one.
 
     Raises:
         DatasetError: the data set is damaged, has no such mask, or lacks an observation.
         MismatchError: it was labelled with hints of other horizons.
     """
-    with Demonstrations(data) as demos:
+    with Demonstrations(data, reading=reading) as demos:
         hint = config.network.hint
         if hint is not None:
             hint = replace(hint, horizons=hint_horizons(demos, hint.horizons))
             config = replace(config, network=replace(config.network, hint=hint))
         names = list(demos.names) if config.mask is None else demos.mask(config.mask)
+        names = sound_names(demos, names, partial(check_demonstration, demos=demos, config=config), _say)
         train = _load(demos, names, config)
         held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
+        if held_out:
+            held_out = sound_names(demos, held_out, partial(check_demonstration, demos=demos, config=config), _say)
         valid = _load(demos, held_out, config) if held_out else None
         frame, scale = _actions(demos)
         header = PolicyHeader(
@@ -195,6 +206,10 @@ def read(config: PolicyTraining, data: Path) -> Recorded:
             versions=installed(),
         )
         return Recorded(config, train, valid, header)
+
+
+def _say(line: str) -> None:
+    TrainingProgress().say(line)
 
 
 def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:

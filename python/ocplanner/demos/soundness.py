@@ -1,0 +1,61 @@
+"""Which demonstrations of a data set can be used: one rule for every verb, applied before anything long begins."""
+
+from collections.abc import Callable, Sequence
+
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.errors import DatasetError, OcplannerError
+
+Check = Callable[[Demonstration], object]
+"""Reads what a verb needs of a demonstration; an error means that it cannot be used."""
+
+_SHORTEST = 2
+_NAMED = 12
+
+
+def faults(demos: Demonstrations, names: Sequence[str], check: Check) -> dict[str, str]:
+    """Why each of the named demonstrations that cannot be used cannot, by name."""
+    found = {}
+    for name in names:
+        try:
+            demo = demos[name]
+            if demo.length < _SHORTEST:
+                raise DatasetError(f"{demo.length} step(s), but a motion has at least {_SHORTEST}")
+            if not len(demo.actions[0]):
+                raise DatasetError("actions without numbers")
+            check(demo)
+        except OcplannerError as error:
+            found[name] = str(error).removeprefix(f"{demos.path}: ").removeprefix(f"data/{name}/")
+    return found
+
+
+def sound_names(
+    demos: Demonstrations, names: Sequence[str], check: Check, say: Callable[[str], None] | None = None
+) -> list[str]:
+    """Those of the named demonstrations that can be used.
+
+    Args:
+        demos: the data set; its ``reading.skip_bad`` decides whether the others are left out or an error.
+        names: the demonstrations.
+        check: what is needed of each.
+        say: called with a line for each that is left out.
+
+    Raises:
+        DatasetError: some cannot be used; the message has all of them, each with its reason. Or none can.
+    """
+    bad = faults(demos, names, check)
+    sound = [name for name in names if name not in bad]
+    if bad and not demos.reading.skip_bad:
+        lines = "".join(f"\n  {name}: {reason}" for name, reason in list(bad.items())[:_NAMED])
+        more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
+        raise DatasetError(
+            f"{demos.path}: {len(bad)} of {len(names)} demonstrations cannot be used; leave them out with --skip-bad "
+            f"(skip_bad=True), or record them again:{lines}{more}"
+        )
+    for name, reason in bad.items():
+        if say is not None:
+            say(f"{name} is left out: {reason}")
+    if not sound:
+        first = next(iter(bad.values()), "none was named")
+        raise DatasetError(f"{demos.path}: none of {len(names)} demonstrations can be used ({first}); record it again")
+    return sound
