@@ -213,6 +213,11 @@ class Demonstration:
         return images
 
     @property
+    def array_paths(self) -> tuple[str, ...]:
+        """The paths of all stored arrays: ``actions``, ``obs/object``, ..."""
+        return self._file.arrays(f"data/{self.name}")
+
+    @property
     def eef_positions(self) -> np.ndarray:
         """(T, 3) end-effector (site) positions of the first robot, world, metres."""
         return self.hand_positions(0)
