@@ -102,16 +102,7 @@ class Converter:
         if "object" in demo.observation_keys and "obs/object" not in stored:
             arrays["obs/object"] = self._in_declared_order(demo, arrays["obs/object"])
         arrays |= self._ending(demo, stored)
-        if self._settings.flip_gripper:
-            for path in arrays.keys() & {*_FLIPPED_WITH_ACTIONS, _GRIPPER_ONLY}:
-                arrays[path] = _gripper_flipped(arrays[path], whole=path == _GRIPPER_ONLY)
-        if self._settings.flip_images:
-            for path in [path for path in arrays if "obs/" in path and path.endswith(_PICTURES)]:
-                arrays[path] = arrays[path][:, ::-1]
-        if self._settings.next_obs:
-            for key in [path for path in arrays if path.startswith("obs/")]:
-                arrays.setdefault(f"next_{key}", np.concatenate([arrays[key][1:], arrays[key][-1:]]))
-        return arrays
+        return mended(arrays, self._settings)
 
     def _numbers(self, demo: Demonstration) -> dict[str, np.ndarray]:
         arrays = {"actions": demo.actions}
@@ -199,6 +190,21 @@ def convert_dataset(
 
 
 _WHY = {"rewards": "none were recorded, and no simulated task gives them"}
+
+
+def mended(arrays: dict[str, np.ndarray], settings: ConvertSettings) -> dict[str, np.ndarray]:
+    """The arrays of a demonstration by path with what the settings turn round and add."""
+    arrays = dict(arrays)
+    if settings.flip_gripper:
+        for path in arrays.keys() & {*_FLIPPED_WITH_ACTIONS, _GRIPPER_ONLY}:
+            arrays[path] = _gripper_flipped(arrays[path], whole=path == _GRIPPER_ONLY)
+    if settings.flip_images:
+        for path in [path for path in arrays if "obs/" in path and path.endswith(_PICTURES)]:
+            arrays[path] = arrays[path][:, ::-1]
+    if settings.next_obs:
+        for path in [path for path in arrays if path.startswith("obs/")]:
+            arrays.setdefault(f"next_{path}", np.concatenate([arrays[path][1:], arrays[path][-1:]]))
+    return arrays
 
 
 def written_attributes(demo: Demonstration) -> dict[str, object]:

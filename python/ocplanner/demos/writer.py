@@ -40,7 +40,7 @@ class DatasetWriter:
 
     Args:
         path: the file to make; :meth:`finish` makes it.
-        env_args: robomimic's description of the environment.
+        env_args: robomimic's description of the environment; empty if nothing describes it.
         data_attrs: further attributes of ``data`` (``ocplanner_render``, ...): text and numbers.
         overwrite: replace an existing file at ``path``.
         durable: whether each demonstration survives a power cut, not only a kill. If False, a part that a power cut
@@ -62,7 +62,8 @@ class DatasetWriter:
     ) -> None:
         self.path, self._durable = Path(path), durable
         self.parts = self.path.with_name(f"{self.path.name}.parts")
-        self._attrs: dict[str, Any] = {"env_args": json.dumps(dict(env_args)), **(data_attrs or {})}
+        described = {"env_args": json.dumps(dict(env_args))} if env_args else {}
+        self._attrs: dict[str, Any] = {**described, **(data_attrs or {})}
         self._resources = contextlib.ExitStack()
         self._resources.enter_context(locked(self.path))
         try:
