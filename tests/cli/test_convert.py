@@ -30,3 +30,29 @@ def test_what_cannot_be_done_is_one_line(tiny_square, tmp_path, capsys, flags, m
     assert message in error
     assert len(error.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--fps", "10", "--images", "png"], "only --to lerobot has --fps, --images"),
+        (["--lerobot-python", "python"], "--lerobot-python is of no use from HDF5 to HDF5"),
+        (["--to", "lerobot", "--next-obs"], "leave out --next-obs"),
+        (["--to", "lerobot", "--lerobot-python", "/no/python"], "cannot run /no/python"),
+    ],
+)
+def test_flags_that_cannot_take_effect_are_errors(tiny_square, tmp_path, capsys, flags, message):
+    assert main(["convert", str(tiny_square()), str(tmp_path / "o"), *flags]) == 2
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_a_lerobot_data_set_already_is_told(tmp_path, capsys):
+    (tmp_path / "data/meta").mkdir(parents=True)
+    (tmp_path / "data/meta/info.json").write_text("{}")
+    assert main(["convert", str(tmp_path / "data"), str(tmp_path / "o"), "--to", "lerobot"]) == 2
+    assert "is a LeRobot data set already; leave out --to lerobot" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "data"), str(tmp_path / "o.hdf5")]) == 2
+    assert "info.json cannot be read (KeyError('total_episodes'))" in capsys.readouterr().err

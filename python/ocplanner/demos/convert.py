@@ -138,7 +138,7 @@ class Converter:
 def convert_dataset(
     source: str | Path,
     target: str | Path,
-    settings: ConvertSettings = DEFAULT_CONVERSION,
+    conversion: ConvertSettings = DEFAULT_CONVERSION,
     *,
     limit: int | None = None,
     overwrite: bool = False,
@@ -152,7 +152,7 @@ def convert_dataset(
     Args:
         source: any file that :class:`Demonstrations` reads.
         target: the file to make.
-        settings: what is written besides, and what is mended.
+        conversion: what is written besides, and what is mended.
         limit: convert only the first so many demonstrations.
         overwrite: replace ``target`` if it exists.
         progress: called with the name and the number of steps of each demonstration, first for those that an earlier
@@ -169,7 +169,7 @@ def convert_dataset(
     if Path(source).resolve() == Path(target).resolve():
         raise OutputError(f"{target} is the source itself; choose another output")
     with Demonstrations(source) as demos:
-        converter = Converter(demos, settings)
+        converter = Converter(demos, conversion)
         names = demos.names[:limit]
         masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}

@@ -104,6 +104,18 @@ def is_lerobot(path: str | Path) -> bool:
     return (Path(path) / INFO).is_file()
 
 
+def episodes(path: str | Path) -> int:
+    """How many episodes a LeRobot data set has.
+
+    Raises:
+        DatasetError: its description cannot be read.
+    """
+    try:
+        return int(json.loads((Path(path) / INFO).read_text(encoding="utf-8"))["total_episodes"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{Path(path) / INFO} cannot be read ({error!r}); download the data set again") from error
+
+
 class LeRobotProcess:
     """lerobot, run by a Python that has it; a context manager.
 
