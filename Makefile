@@ -16,7 +16,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Ca
 WORKERS ?= 2
 WHEEL_MACHINES := x86_64 $(shell rustup target list --installed 2>/dev/null | sed -n 's/^aarch64-unknown-linux-gnu$$/aarch64/p')
 
-.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs test-wheel test-oldest wheel faults lint format docs bench bench-kernels fuzz clean
+.PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs test-wheel test-oldest test-lerobot wheel faults lint format docs bench bench-kernels fuzz clean
 
 help: ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -79,6 +79,15 @@ test-wheel: target/wheels/newest ## The wheel in an empty environment: the READM
 test-oldest: target/wheels/newest ## The same with the oldest dependencies that pyproject.toml allows (downloads an old torch)
 	$(BIN)/python tests/packaging/try_wheel.py "$$(realpath $<)" --oldest
 
+# Apart, since lerobot and robosuite want different NumPys.
+.venv-lerobot/.complete: $(VENV)/.dependencies
+	$(BIN)/uv venv --quiet --allow-existing --python 3.12 .venv-lerobot
+	$(BIN)/uv pip install --quiet --python .venv-lerobot/bin/python 'lerobot[dataset]==0.6.1'
+	@touch $@
+
+test-lerobot: setup .venv-lerobot/.complete ## Conversion to and from LeRobot's format, with lerobot in an environment of its own (5 GB)
+	OCPLANNER_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python $(BIN)/pytest tests/demos/test_lerobot.py
+
 $(VENV)/.zig: $(VENV)/.dependencies
 	$(BIN)/uv pip install --quiet --python $(BIN)/python 'ziglang>=0.13,<1'
 	@touch $@
@@ -125,4 +134,4 @@ fuzz: setup ## Fuzz the native module for ten minutes; what fails is left in run
 	$(BIN)/python tests/fuzz/fuzz_core.py --seconds 600
 
 clean: ## Remove everything that is built
-	rm -rf $(VENV) target dist python/ocplanner/_core*.so
+	rm -rf $(VENV) .venv-lerobot target dist python/ocplanner/_core*.so
