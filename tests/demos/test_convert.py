@@ -1,5 +1,6 @@
 import json
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from ocplanner.demos.convert import ConvertSettings, convert_dataset
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.settings import ReadSettings
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, OutputError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
@@ -149,8 +151,16 @@ def test_numbers_that_are_not_finite_are_an_error(changed, tmp_path, array):
     def damage(file):
         file[f"data/demo_1/{array}"][3, 0] = np.nan
 
-    with pytest.raises(DatasetError, match=rf"demo_1.*{array}"):
-        convert_dataset(changed(damage), tmp_path / "o.hdf5")
+    source, said = changed(damage), []
+    with pytest.raises(
+        DatasetError, match=rf"1 of 4 demonstrations cannot be used.*--skip-bad(.|\n)*demo_1: .*{array}"
+    ):
+        convert_dataset(source, tmp_path / "o.hdf5")
+    convert_dataset(source, tmp_path / "o.hdf5", reading=ReadSettings(skip_bad=True), say=said.append)
+    assert said[0].startswith("demo_1 is left out")
+    with Demonstrations(tmp_path / "o.hdf5") as demos:
+        assert demos.names == ("demo_0", "demo_2", "demo_10")
+        assert demos.mask("train") == ["demo_0", "demo_10"]
 
 
 def test_the_source_is_never_replaced(changed, tmp_path):
@@ -195,6 +205,57 @@ def test_a_stopped_conversion_continues(tiny_square, tmp_path, monkeypatch):
             assert all(np.array_equal(arrays[key], expected[key]) for key in arrays)
     with pytest.raises(OutputError, match="exists already"):
         convert_dataset(tiny_square(), path, ConvertSettings(next_obs=True))
+
+
+def stripped(source: Path, target: Path, *, raw: bool) -> Path:
+    """States and actions alone, in robomimic's layout or as robosuite's own recorder writes them."""
+    with h5py.File(source) as file, h5py.File(target, "w") as copy:
+        env_args, data = file["data"].attrs["env_args"], copy.create_group("data")
+        if raw:
+            info = {**json.loads(env_args), **json.loads(env_args)["env_kwargs"]}
+            version = info.pop("env_version")
+            data.attrs.update({"env": info["env_name"], "env_info": json.dumps(info), "repository_version": version})
+        else:
+            data.attrs["env_args"] = env_args
+        for name in ("demo_0", "demo_1"):
+            for key in ("states", "actions"):
+                data[f"{name}/{key}"] = file[f"data/{name}/{key}"][()]
+    return target
+
+
+@pytest.mark.parametrize("version", ["1.4.1", "1.5.1"])
+@pytest.mark.parametrize("raw", [False, True])
+def test_what_a_recording_lacks_is_derived_in_its_versions_order(tiny_square, tmp_path, version, raw):
+    source = stripped(tiny_square(version), tmp_path / "bare.hdf5", raw=raw)
+    path = convert_dataset(source, tmp_path / "o.hdf5", ConvertSettings(next_obs=True))
+    with Demonstrations(path) as demos, Demonstrations(source) as bare:
+        assert demos.kind == "robomimic"
+        assert demos.env_args == bare.env_args
+        for demo, other in zip(demos, bare):
+            assert demo.derived_keys == ()
+            assert {"actions", "states", "rewards", "dones", "obs/object", "next_obs/object"} <= {*demo.array_paths}
+            assert demo.object_layout() == ("relative-first" if version == "1.5.1" else "absolute-first")
+            absolute = slice(7, 10) if version == "1.5.1" else slice(0, 3)
+            expected, _ = other.object_poses("SquareNut")
+            assert np.allclose(demo.observation("object")[:, absolute], expected)
+            assert np.array_equal(demo.object_poses("SquareNut")[0], expected)
+            assert np.array_equal(demo.rewards, other.rewards)
+
+
+def test_a_real_robots_file_keeps_what_it_holds(tmp_path):
+    with h5py.File(tmp_path / "real.hdf5", "w") as file:
+        for number in range(2):
+            demo = file.create_group(f"data/demo_{number}")
+            demo["actions"] = np.full((7, 8), 1.5)
+            demo["obs/ee_pos"], demo["obs/arm/joints"] = np.ones((7, 3)), np.ones((7, 6))
+            demo["states/arm"], demo["states/base"] = np.ones((7, 6)), np.ones(2)
+    said = []
+    path = convert_dataset(tmp_path / "real.hdf5", tmp_path / "o.hdf5", say=said.append)
+    assert [line.split(":")[0] for line in said] == ["left out rewards", "left out states/base"]
+    with Demonstrations(path) as demos:
+        assert demos.kind == "other"
+        assert {*demos[0].array_paths} == {"actions", "dones", "obs/ee_pos", "obs/arm/joints", "states/arm"}
+        assert demos[0].actions.max() == 1.5
 
 
 def test_robomimic_loads_and_samples_the_file(tiny_square, tmp_path):

@@ -198,6 +198,12 @@ def test_anothers_data_set_becomes_one_without_env_args(lossless, python, tmp_pa
         assert set(file["data"]) == {"demo_0", "demo_1", "demo_2"}
         assert file["data/demo_0"].attrs["task"] == "put the nut on the peg"
         assert {"robot0_eef_pos", "object", "agentview_image"} <= set(file["data/demo_0/obs"])
+    again = to_lerobot(path, tmp_path / "again", LeRobotSettings(images="png"), python=python, limit=1)
+    tasks = from_lerobot(again, tmp_path / "again.hdf5", python=python)
+    with Demonstrations(path) as before, Demonstrations(tasks) as after:
+        assert after.kind == "other"
+        assert after[0].attrs["task"] == "put the nut on the peg"
+        assert after[0].array_paths == before[0].array_paths
 
 
 def test_changed_episodes_and_damage_are_told(lossless, python, tmp_path):

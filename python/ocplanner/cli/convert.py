@@ -10,6 +10,7 @@ from rich.console import Console
 
 from ocplanner.demos.convert import DEFAULT_CONVERSION, ConvertSettings
 from ocplanner.demos.lerobot import DEFAULT_LEROBOT, LeRobotSettings
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.progress import demonstrations_bar
 from ocplanner.settings import require
 
@@ -29,6 +30,8 @@ class Convert:
     to: Literal["robomimic", "lerobot"] = "robomimic"
     """The layout."""
     settings: Annotated[ConvertSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_CONVERSION
+    reading: Annotated[ReadSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_READING
+    """How an HDF5 source is read."""
     lerobot: Annotated[LeRobotSettings, tyro.conf.OmitArgPrefixes] = DEFAULT_LEROBOT
     """Of --to lerobot only."""
     lerobot_python: Path | None = None
@@ -48,14 +51,15 @@ class Convert:
         require(not (reads and writes), f"{self.source} is a LeRobot data set already; leave out --to lerobot")
         require(writes or self.lerobot == DEFAULT_LEROBOT, f"only --to lerobot has {_flags(self.lerobot)}")
         require(reads or writes or self.lerobot_python is None, "--lerobot-python is of no use from HDF5 to HDF5")
+        require(not reads or self.reading == DEFAULT_READING, "--skip-bad and --keys are of no use from LeRobot")
         if reads:
             total, convert = episodes(self.source), partial(from_lerobot, python=self.lerobot_python)
         else:
-            with Demonstrations(self.source) as demos:
+            with Demonstrations(self.source, reading=self.reading) as demos:
                 total = len(demos)
-            convert = convert_dataset
+            convert = partial(convert_dataset, reading=self.reading)
             if writes:
-                convert = partial(to_lerobot, settings=self.lerobot, python=self.lerobot_python)
+                convert = partial(to_lerobot, settings=self.lerobot, reading=self.reading, python=self.lerobot_python)
         total = total if self.limit is None else min(total, self.limit)
         console = Console(stderr=True)
         with demonstrations_bar("converting", total, console) as advance:

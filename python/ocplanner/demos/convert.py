@@ -14,6 +14,8 @@ import numpy as np
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS, order_from_version
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, MismatchError, OutputError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
@@ -69,7 +71,8 @@ class Converter:
             raise MismatchError(
                 f"{demos.path}: its images are upright, since `ocplanner render` drew them; leave out --flip-images"
             )
-        if settings.flip_images and not any(key.endswith(_PICTURES) for key in demos[0].observation_keys):
+        observed = (key for demo in demos for key in demo.observation_keys)
+        if settings.flip_images and not any(key.endswith(_PICTURES) for key in observed):
             raise MismatchError(f"{demos.path} holds no images to turn; leave out --flip-images")
 
     def record(self) -> ConvertRecord:
@@ -97,7 +100,7 @@ class Converter:
         arrays = {path: array for path, array in stored.items() if _fits(array, demo.length)}
         self.left_out |= stored.keys() - arrays.keys()
         arrays |= self._numbers(demo)
-        for key in demo.observation_keys:
+        for key in _observed(demo):
             arrays.setdefault(f"obs/{key}", demo.observation(key))
         if "object" in demo.observation_keys and "obs/object" not in stored:
             arrays["obs/object"] = self._in_declared_order(demo, arrays["obs/object"])
@@ -106,9 +109,9 @@ class Converter:
 
     def _numbers(self, demo: Demonstration) -> dict[str, np.ndarray]:
         arrays = {"actions": demo.actions}
-        if "states" in demo.array_paths:
+        if self._demos.kind != "other" and "states" in demo.array_paths:
             arrays["states"] = demo.states
-        for key in demo.observation_keys:
+        for key in _observed(demo):
             if demo.observation(key, slice(0, 1)).ndim < 3:
                 arrays[f"obs/{key}"] = array = demo.observation(key)
                 if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -140,6 +143,7 @@ def convert_dataset(
     target: str | Path,
     conversion: ConvertSettings = DEFAULT_CONVERSION,
     *,
+    reading: ReadSettings = DEFAULT_READING,
     limit: int | None = None,
     overwrite: bool = False,
     progress: Callable[[str, int], None] | None = None,
@@ -153,25 +157,27 @@ def convert_dataset(
         source: any file that :class:`Demonstrations` reads.
         target: the file to make.
         conversion: what is written besides, and what is mended.
+        reading: how the source is read.
         limit: convert only the first so many demonstrations.
         overwrite: replace ``target`` if it exists.
         progress: called with the name and the number of steps of each demonstration, first for those that an earlier
             call finished.
-        say: called with a line about each array that is left out.
+        say: called with a line about each demonstration and each array that is left out.
 
     Raises:
         InvalidValueError: ``limit`` is not positive.
-        DatasetError: the source cannot be read.
+        DatasetError: the source, or some of its demonstrations, cannot be read.
         MismatchError: what is to be mended is not there.
         OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
     """
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
     if Path(source).resolve() == Path(target).resolve():
         raise OutputError(f"{target} is the source itself; choose another output")
-    with Demonstrations(source) as demos:
+    with Demonstrations(source, reading=reading) as demos:
         converter = Converter(demos, conversion)
-        names = demos.names[:limit]
-        masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
+        masks = {mask: demos.mask(mask) for mask in demos.mask_names}
+        names = sound_names(demos, demos.names[:limit], converter.check, say)
+        masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[CONVERT_ATTRIBUTE] = converter.record().to_json()
         with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
@@ -215,6 +221,12 @@ def written_attributes(demo: Demonstration) -> dict[str, object]:
     return {
         key: value for key, value in demo.attrs.items() if key != "model_file" or str(value).lstrip().startswith("<")
     }
+
+
+def _observed(demo: Demonstration) -> list[str]:
+    """The observations that are arrays, not groups of arrays, as some robots record them."""
+    groups = {path.split("/")[1] for path in demo.array_paths if path.startswith("obs/") and path.count("/") > 1}
+    return [key for key in demo.observation_keys if key not in groups]
 
 
 def _fits(array: np.ndarray, steps: int) -> bool:

@@ -44,6 +44,8 @@ from ocplanner.demos.convert import (
 )
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, OcplannerError, OutputError, VersionError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
@@ -200,6 +202,7 @@ def to_lerobot(
     settings: LeRobotSettings = DEFAULT_LEROBOT,
     conversion: ConvertSettings = DEFAULT_CONVERSION,
     *,
+    reading: ReadSettings = DEFAULT_READING,
     python: Path | None = None,
     limit: int | None = None,
     overwrite: bool = False,
@@ -213,6 +216,7 @@ def to_lerobot(
         target: the folder to make.
         settings: how it is written.
         conversion: what is mended on the way.
+        reading: how the source is read.
         python: the Python of an environment with lerobot; this one if None.
         limit: convert only the first so many demonstrations.
         overwrite: replace ``target`` if it is a LeRobot data set.
@@ -220,7 +224,7 @@ def to_lerobot(
         say: called with a line for everything that is left out.
 
     Raises:
-        DatasetError: the source cannot be read.
+        DatasetError: the source, or some of its demonstrations, cannot be read.
         InvalidValueError: the frequency is missing or no whole number, or ``limit`` is not positive.
         MismatchError: the settings contradict the source.
         OutputError: the target exists or cannot be written.
@@ -230,10 +234,11 @@ def to_lerobot(
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
     require(not conversion.next_obs, "LeRobot data sets have no next_obs: leave out --next-obs")
     _check_folder(target, Path(source), overwrite)
-    with Demonstrations(source) as demos, locked(target):
-        converter, names = Converter(demos, conversion), demos.names[:limit]
-        fps = _frequency(demos, settings.fps)
-        masks = {mask: [name for name in demos.mask(mask) if name in names] for mask in demos.mask_names}
+    with Demonstrations(source, reading=reading) as demos, locked(target):
+        converter, fps = Converter(demos, conversion), _frequency(demos, settings.fps)
+        masks = {mask: demos.mask(mask) for mask in demos.mask_names}
+        names = sound_names(demos, demos.names[:limit], converter.check, say)
+        masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
         partial = target.with_name(f".{target.name}.partial")
         with writing(target):
             if partial.exists():
