@@ -2,12 +2,14 @@ import contextlib
 import hashlib
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -88,6 +90,22 @@ def test_a_killed_run_goes_on_and_ends_the_same(tiny_square, rendered, tmp_path)
     assert not parts.exists()
 
 
+def test_a_killed_run_does_not_go_on_from_another_source_of_the_same_names(tiny_square, tmp_path):
+    other, target = tmp_path / "other.hdf5", tmp_path / "out.hdf5"
+    shutil.copy(tiny_square(), other)
+    with h5py.File(other, "r+") as file:
+        file["data/demo_0/states"][:, 17] += 0.01
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(tiny_square(), target, SMALL, progress=stop)
+    with pytest.raises(OutputError, match=r"was made from another demo_0 than the source's now.*delete .*parts"):
+        render_dataset(other, target, SMALL)
+    assert [part.stem for part in target.with_name("out.hdf5.parts").glob("*.hdf5")] == ["demo_0"]
+
+
 def test_an_impatient_ctrl_c_ends_at_once_and_keeps_what_is_done(tiny_square, tmp_path):
     target = tmp_path / "stopped.hdf5"
     # Pictures so large that the last demonstrations take seconds after the first is done.
@@ -128,10 +146,6 @@ def test_a_target_that_exists_is_kept(tiny_square, rendered):
 
 
 def test_states_of_another_model_are_refused(tiny_square, tmp_path):
-    import shutil
-
-    import h5py
-
     broken = tmp_path / "broken.hdf5"
     shutil.copy(tiny_square(), broken)
     with h5py.File(broken, "r+") as file:

@@ -1,3 +1,6 @@
+import shutil
+
+import h5py
 import pytest
 
 from ocplanner.demos.dataset import Demonstrations
@@ -36,3 +39,22 @@ def test_the_tasks_first_object_is_meant_if_none_is_named(tiny_square):
 def test_an_unknown_part_has_an_error(carried_objects):
     with Demonstrations(carried_objects("ToolHang")) as demos, pytest.raises(DatasetError, match="no pose of nut"):
         demos[0].manipulation("nut")
+
+
+@pytest.mark.parametrize("key", ["actions", "states", "obs/object", "obs/agentview_image", "attribute", "added"])
+def test_the_digest_changes_with_what_is_stored(tiny_square, tmp_path, key):
+    path = shutil.copy(tiny_square("1.5.1", images=True), tmp_path / "copy.hdf5")
+    with Demonstrations(path) as demos:
+        before = [demo.digest() for demo in demos]
+    assert len({*before}) == len(before)
+    with h5py.File(path, "r+") as file:
+        demo = file["data/demo_0"]
+        if key == "attribute":
+            demo.attrs["model_file"] = "<mujoco/>"
+        elif key == "added":
+            demo["notes"] = ["left", "right"]
+        else:
+            demo[key][-1] = 1 - demo[key][-1]
+    with Demonstrations(path) as demos:
+        after = [demo.digest() for demo in demos]
+    assert [a == b for a, b in zip(after, before)] == [False, True, True, True]

@@ -100,11 +100,16 @@ def test_resumes_only_what_was_made_alike(tmp_path):
 def test_existing_files_are_kept_unless_told(tmp_path):
     path = tmp_path / "set.hdf5"
     path.write_text("precious")
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="exists already and is no HDF5 data set"):
+        DatasetWriter(path, ENV_ARGS, overwrite=True)
+    with h5py.File(path, "w") as file:
+        file["old"] = 1
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=r"exists already.*--overwrite"):
         DatasetWriter(path, ENV_ARGS)
     with DatasetWriter(path, ENV_ARGS, overwrite=True) as writer:
         writer.add("demo_0", _arrays())
-        assert path.read_text() == "precious"
+        assert path.read_bytes() == before
         writer.finish()
     assert Demonstrations(path).names == ("demo_0",)
 
@@ -295,3 +300,29 @@ def test_parts_that_are_to_replace_a_file_stay(tmp_path):
     with pytest.raises(OutputError, match="exists already"):
         DatasetWriter(path, ENV_ARGS)
     assert len(list(writer.parts.iterdir())) == 2
+
+
+def test_parts_made_from_another_source_are_not_resumed(tmp_path):
+    path = tmp_path / "set.hdf5"
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        writer.add("demo_0", _arrays(0), source="first")
+        writer.add("demo_1", _arrays(1))
+    with DatasetWriter(path, ENV_ARGS) as writer:
+        assert writer.holds("demo_0", "first")
+        assert not writer.holds("demo_2", "first")
+        for name in ("demo_0", "demo_1"):
+            with pytest.raises(OutputError, match=f"{name}.hdf5 was made from another {name} than the source's now"):
+                writer.holds(name, "second")
+        writer.finish()
+    with h5py.File(path) as file:
+        assert {*file} == {"data"}
+        assert {*file["data/demo_0"].attrs} == {"num_samples"}
+
+
+def test_a_folder_of_parts_with_other_files_is_left_alone(tmp_path):
+    folder = tmp_path / "set.hdf5.parts"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("precious")
+    with pytest.raises(OutputError, match=r"set.hdf5.parts holds notes.txt"):
+        DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS)
+    assert (folder / "notes.txt").read_text() == "precious"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ocplanner.errors import OutputError
-from ocplanner.files.storage import atomic_json, atomic_write, locked, seal, sealed
+from ocplanner.files.storage import atomic_json, atomic_write, check_output, locked, seal, sealed
 
 
 def test_appears_complete(tmp_path):
@@ -187,3 +187,35 @@ def test_a_seal_tells_damage(tmp_path, size):
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     assert not sealed(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "content"),
+    [
+        ("HDF5 data set", "a.hdf5", b"\x89HDF\r\n\x1a\n" + bytes(8)),
+        ("JSON result", "a.json", b'{"command": "ocplanner transfer"}'),
+        ("HTML page", "a.html", b"\n<!DOCTYPE html><html></html>"),
+        ("picture", "a.png", b"\x89PNG\r\n"),
+        ("picture", "a.svg", b'<?xml version="1.0"?>\n<svg>'),
+        ("mp4 video", "a.mp4", bytes(3) + b"\x20ftypisom"),
+        ("safetensors file", "a.safetensors", bytes([80]) + bytes(7) + b'{"__metadata__"'),
+    ],
+)
+def test_only_a_file_of_the_kind_that_is_written_is_replaced(tmp_path, kind, name, content):
+    path = tmp_path / name
+    check_output(path, False, kind)
+    path.touch()
+    check_output(path, True, kind)
+    path.write_bytes(content)
+    check_output(path, True, kind)
+    with pytest.raises(OutputError, match="exists already; choose another file, or allow overwriting"):
+        check_output(path, False, kind)
+    for other in (b"notes", b'{"train": {}}', b"{", b"[]", bytes(600)):
+        path.write_bytes(other)
+        with pytest.raises(OutputError, match=f"exists already and is no {kind}"):
+            check_output(path, True, kind)
+
+
+def test_a_lock_needs_a_name():
+    with pytest.raises(OutputError, match="names no file or folder of its own"), locked("/"):
+        pass

@@ -106,6 +106,35 @@ def _label_and_die(source: Path, target: Path, planner: Path, settings: LabelSet
     label_dataset(source, target, planner, settings, progress=die)
 
 
+@pytest.mark.parametrize("where", ["source", "pictures"])
+@pytest.mark.parametrize("key", ["rewards", "obs/robot0_gripper_qpos", "obs/agentview_image"])
+def test_another_source_of_the_same_names_and_size_does_not_go_on(source, noise_planner, tmp_path, where, key):
+    files = {}
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+        files[folder] = shutil.copy(source, tmp_path / folder / source.name)
+    with h5py.File(files["second"], "r+") as file:
+        file[f"data/demo_0/{key}"][-1] = 1 - file[f"data/demo_0/{key}"][-1]
+    target = tmp_path / "out.hdf5"
+
+    def label(folder: str, progress=None) -> None:
+        path = files[folder]
+        first, pictures = (path, None) if where == "source" else (source, path)
+        label_dataset(first, target, noise_planner, SETTINGS, pictures=pictures, progress=progress)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        label("first", stop)
+    with pytest.raises(
+        OutputError, match=r"demo_0.hdf5 was made from another demo_0.*delete .*out.hdf5.parts to start"
+    ):
+        label("second")
+    label("first")
+    assert Demonstrations(target).names == ("demo_0", "demo_1", "demo_2", "demo_10")
+
+
 def test_other_settings_do_not_go_on(source, noise_planner, tmp_path):
     target = tmp_path / "out.hdf5"
 
@@ -125,7 +154,7 @@ def test_other_settings_do_not_go_on(source, noise_planner, tmp_path):
 def test_targets_and_sources_that_are_refused(source, labelled, noise_planner, tmp_path):
     with pytest.raises(OutputError, match="exists"):
         label_dataset(source, labelled, noise_planner, SETTINGS)
-    with pytest.raises(OutputError, match="the source itself"):
+    with pytest.raises(OutputError, match="is read to make the output and is never replaced"):
         label_dataset(source, source, noise_planner, SETTINGS, overwrite=True)
     with pytest.raises(DatasetError, match="labelled already"):
         label_dataset(labelled, tmp_path / "again.hdf5", noise_planner, SETTINGS)

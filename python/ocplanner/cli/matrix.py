@@ -10,6 +10,7 @@ from rich.console import Console
 from ocplanner.cli.transfer import EpisodeBar
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import InvalidValueError
+from ocplanner.files.storage import check_output
 from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
 from ocplanner.zero_shot.settings import TransferConfig
 
@@ -58,7 +59,9 @@ class Matrix:
                 "the repository"
             )
         planners = find_planners(self.planners or (_PLANNERS,), self.planner_seed)
+        check_output(self.out, True, "JSON result", (path for each in planners for path in each.paths))
         picture, console = self.out.with_suffix(".png"), Console()
+        check_output(picture, True, "picture")
         number, total = 0, len(planners) * len(dict.fromkeys(self.robots))
         with EpisodeBar(console) as bar:
 

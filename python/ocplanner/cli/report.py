@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ocplanner.errors import ResultFileError
+from ocplanner.files.storage import check_output
 
 if TYPE_CHECKING:
     from ocplanner.report.sources import Sources
@@ -38,6 +39,7 @@ class Report:
         from ocplanner.report.sources import find_sources
 
         sources = find_sources(self.paths)
+        check_output(self.out, True, "HTML page", (*sources.files, *self.data))
         if self.data:
             sources = find_sources([*self.paths, *self._draw(sources)])
         if self.charts is not None:

@@ -20,6 +20,7 @@ from ocplanner.demos.writer import DatasetWriter
 from ocplanner.envs.tasks import Task
 from ocplanner.errors import DatasetError
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
+from ocplanner.files.storage import check_output
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
 from ocplanner.settings import require
@@ -62,12 +63,13 @@ def render_dataset(
         DatasetError: the source has no states, or they are another task's or arm's, or some demonstrations cannot be
             used.
         MismatchError: another arm, gripper or scene was recorded than is simulated.
-        OutputError: the target exists or cannot be written.
+        OutputError: the target exists, is the source, cannot be written, or was begun from another source.
         RenderingError: no working headless OpenGL.
         WorkerError: a demonstration killed its process three times (out of memory?).
         ClusterError: there is no Ray cluster at the address.
     """
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
+    check_output(Path(target), overwrite, "HDF5 data set", [source], resumed=True)
     with Demonstrations(source, reading=reading) as demos:
         task = demos.task()
         if not demos.robots or demos.robots != demos.robots[:1] * task.arms:
@@ -79,8 +81,8 @@ def render_dataset(
         names = sound_names(demos, demos.names[:limit], partial(_needed, settings=settings, task=task), say)
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[RENDER_ATTRIBUTE] = settings.record().to_json()
-        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
-            done = set(writer.done)
+        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite, reads=[source]) as writer:
+            done = {name for name in writer.done if name in names and writer.holds(name, demos[name].digest())}
             for name in names:
                 if name in done and progress:
                     progress(name, demos[name].length)
@@ -88,7 +90,7 @@ def render_dataset(
             make = partial(_Worker, demos.path.absolute(), reading, task.name, settings)
             for number, arrays in run_episodes(make, _Worker.render, waiting, workers):
                 demo = demos[number]
-                writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs)
+                writer.add(demo.name, {**demo.arrays(), **arrays}, demo.attrs, demo.digest())
                 if progress:
                     progress(demo.name, demo.length)
             masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}

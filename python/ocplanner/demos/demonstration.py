@@ -1,5 +1,7 @@
 """One demonstration of a file, read lazily."""
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
@@ -343,6 +345,18 @@ class Demonstration:
             return {path: self._file.read(self._key(path)) for path in paths}
         own = {"actions": self.actions, "states": self.states if self._has_states else None}
         return {path: array for path in paths if (array := own[path] if path in own else self._read(path)) is not None}
+
+    def digest(self) -> str:
+        """SHA-256 of what the file stores of it and how that is read; of arrays with pictures every eighth row counts."""
+        told = [self.attrs, dict(self._recording.names), self._recording.object_layout]
+        digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
+        for path in sorted(self._file.arrays(f"data/{self.name}")):
+            shape = self._file.shape(self._key(path))
+            rows = slice(None) if len(shape) < 3 else np.unique([*range(0, shape[0], 8), shape[0] - 1])
+            array = self._file.read(self._key(path), rows) if shape[0] else np.empty(shape)
+            digest.update(f"{path} {array.dtype} {shape}".encode())
+            digest.update(repr(array.tolist()).encode() if array.dtype.hasobject else np.ascontiguousarray(array).data)
+        return digest.hexdigest()
 
     def copy_to(self, target: h5py.Group, name: str) -> None:
         """Copy it with its attributes to another open file, without unpacking compressed data."""

@@ -11,7 +11,7 @@ import io
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,22 +20,34 @@ import numpy as np
 
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, OutputError
-from ocplanner.files.storage import atomic_json, atomic_write, locked, natural_key, output_error, seal, sealed
+from ocplanner.files.storage import (
+    atomic_json,
+    atomic_write,
+    check_output,
+    locked,
+    natural_key,
+    output_error,
+    seal,
+    sealed,
+)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HEADER = "header.json"
+_OWN = re.compile(r"header\.json|.*\.hdf5|\..*\.partial")
+_SOURCE = "source"
 _BIG_FROM_DIMS = 3  # arrays with so many dimensions hold images: one chunk a frame, for random access
 
 
 class DatasetWriter:
     """Collects demonstrations into one robomimic file; a context manager that can be interrupted.
 
-    A writer continues from the parts of an interrupted one with the same ``env_args`` and ``data_attrs``.
+    A writer continues from the parts of an interrupted one with the same ``env_args`` and ``data_attrs``. A part that
+    was made from another data set's demonstration of the same name is told apart by a digest of its source.
 
-    >>> with DatasetWriter(path, env_args) as writer:                                    # doctest: +SKIP
+    >>> with DatasetWriter(path, env_args, reads=[demos.path]) as writer:                # doctest: +SKIP
     ...     for demo in demos:
-    ...         if demo.name not in writer.done:
-    ...             writer.add(demo.name, demo.arrays(), demo.attrs)
+    ...         if not writer.holds(demo.name, demo.digest()):
+    ...             writer.add(demo.name, demo.arrays(), demo.attrs, demo.digest())
     ...     writer.finish({"train": names})
 
     Args:
@@ -45,10 +57,11 @@ class DatasetWriter:
         overwrite: replace an existing file at ``path``.
         durable: whether each demonstration survives a power cut, not only a kill. If False, a part that a power cut
             damaged is reported when the writer resumes; the finished file is safe in both cases.
+        reads: the files that the demonstrations are made from; they are never replaced.
 
     Raises:
-        OutputError: ``path`` exists, another process is writing it, the folder is not writable, or the parts of an
-            interrupted writer are damaged or were made with other settings.
+        OutputError: ``path`` exists or is read, another process is writing it, the folder is not writable, or the parts
+            of an interrupted writer are damaged or were made with other settings.
     """
 
     def __init__(
@@ -59,21 +72,19 @@ class DatasetWriter:
         data_attrs: Mapping[str, Any] | None = None,
         overwrite: bool = False,
         durable: bool = True,
+        reads: Iterable[str | Path | None] = (),
     ) -> None:
         self.path, self._durable = Path(path), durable
+        check_output(self.path, overwrite, "HDF5 data set", reads, resumed=True)
         self.parts = self.path.with_name(f"{self.path.name}.parts")
         described = {"env_args": json.dumps(dict(env_args))} if env_args else {}
         self._attrs: dict[str, Any] = {**described, **(data_attrs or {})}
         self._resources = contextlib.ExitStack()
         self._resources.enter_context(locked(self.path))
         try:
-            if self.path.exists() and not overwrite:
-                if self._finished():
-                    self._discard_parts()
-                raise OutputError(
-                    f"{self.path} exists already; choose another output, or allow overwriting (--overwrite; "
-                    "overwrite=True)"
-                )
+            if self.path.exists() and not overwrite and self._finished():
+                self._discard_parts()
+            check_output(self.path, overwrite, "HDF5 data set")
             self._open_parts()
             self._resources.callback(self._discard_nothing)
         except BaseException:
@@ -85,7 +96,35 @@ class DatasetWriter:
         """The names of the demonstrations that are safely on disk, in natural order."""
         return tuple(sorted((part.stem for part in self.parts.glob("*.hdf5")), key=natural_key))
 
-    def add(self, name: str, arrays: Mapping[str, np.ndarray], attrs: Mapping[str, Any] | None = None) -> None:
+    def holds(self, name: str, source: str) -> bool:
+        """Whether a demonstration is safely on disk that was made from this source.
+
+        Args:
+            name: the demonstration.
+            source: digest of what it is made from, as given to :meth:`add`.
+
+        Raises:
+            OutputError: the one on disk was made from something else, by an interrupted writer for another data set.
+        """
+        part = self.parts / f"{name}.hdf5"
+        if not part.exists():
+            return False
+        with _saving(part), h5py.File(part, "r") as file:
+            found = file.attrs.get(_SOURCE)
+        if found != source:
+            raise OutputError(
+                f"{part} was made from another {name} than the source's now, by a run that was stopped; run that one's "
+                f"command to finish it, delete {self.parts} to start again, or choose another output"
+            )
+        return True
+
+    def add(
+        self,
+        name: str,
+        arrays: Mapping[str, np.ndarray],
+        attrs: Mapping[str, Any] | None = None,
+        source: str | None = None,
+    ) -> None:
         """Store one demonstration. From the return on it survives a kill.
 
         Args:
@@ -93,18 +132,19 @@ class DatasetWriter:
             arrays: by path (``actions``, ``states``, ``obs/agentview_image``, ...); the first dimension of each counts
                 the steps, and ``actions`` is required.
             attrs: attributes of the demonstration; ``num_samples`` is added.
+            source: digest of what it is made from, for :meth:`holds`; the finished file does not hold it.
 
         Raises:
             DatasetError: the name is not allowed, or the arrays do not fit together.
             OutputError: the disk is full or the folder is gone.
         """
         steps = _check(name, arrays)
-        with self._part(name) as file:
+        with self._part(name, source) as file:
             group = file.create_group("demo")
             group.attrs.update({**(attrs or {}), "num_samples": steps})
             _store(group, arrays)
 
-    def add_copy(self, demo: Demonstration, arrays: Mapping[str, np.ndarray]) -> None:
+    def add_copy(self, demo: Demonstration, arrays: Mapping[str, np.ndarray], source: str | None = None) -> None:
         """Store a copy of another file's demonstration with added or replaced arrays.
 
         Compressed data are copied as they are, so that images cost neither time nor memory.
@@ -112,13 +152,14 @@ class DatasetWriter:
         Args:
             demo: the demonstration; the copy has the same name.
             arrays: by path, as for :meth:`add`.
+            source: as for :meth:`add`.
 
         Raises:
             DatasetError: the demonstration cannot be read, or the arrays do not fit it.
             OutputError: the disk is full or the folder is gone.
         """
         steps = _check(demo.name, {"actions": demo.actions, **arrays})
-        with self._part(demo.name) as file:
+        with self._part(demo.name, source) as file:
             demo.copy_to(file, "demo")
             group = file.require_group("demo")
             group.attrs["num_samples"] = steps
@@ -173,10 +214,12 @@ class DatasetWriter:
         self.close()
 
     @contextlib.contextmanager
-    def _part(self, name: str) -> Iterator[h5py.File]:
+    def _part(self, name: str, source: str | None) -> Iterator[h5py.File]:
         """A new file for one demonstration; it appears when the block ends."""
         with _saving(self.path), atomic_write(self.parts / f"{name}.hdf5", self._durable) as temporary:
             with _create(temporary) as file:
+                if source is not None:
+                    file.attrs[_SOURCE] = source
                 yield file
             seal(temporary)
 
@@ -220,7 +263,12 @@ class DatasetWriter:
                     "missing"
                 )
             return
-        if self.parts.exists():
+        if self.parts.is_dir():
+            foreign = sorted(item.name for item in self.parts.iterdir() if not _OWN.fullmatch(item.name))
+            if foreign:
+                raise OutputError(
+                    f"{self.parts} holds {', '.join(foreign[:3])}; move that away or choose another output"
+                )
             self._discard_parts()
         atomic_json(header, self._attrs)
 

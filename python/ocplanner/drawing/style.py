@@ -6,6 +6,7 @@ paths are red dots and achieved paths cyan lines, so that their shapes differ as
 
 import io
 import re
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ocplanner.errors import UnknownNameError
-from ocplanner.files.storage import atomic_write
+from ocplanner.files.storage import atomic_write, check_output
 
 PLANNED = "#ff2b2b"
 ACHIEVED = "#00e5ff"
@@ -93,17 +94,18 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write ``figure`` to ``path`` (.svg, .png or .pdf); the file appears whole or not at all.
+def save_figure(figure: Figure, path: str | Path, reads: Iterable[str | Path] = ()) -> Path:
+    """Write ``figure`` to ``path`` (.svg, .png or .pdf), none of those it reads; it appears whole or not at all.
 
     Raises:
         UnknownNameError: the extension is none of these.
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written, or is none that may be replaced.
     """
     path = Path(path)
     kind = path.suffix.lstrip(".").lower()
     if kind not in _FORMATS:
         raise UnknownNameError("figure format", kind, _FORMATS)
+    check_output(path, True, "picture", reads)
     data = _render(figure, kind, salt=path.stem)
     with atomic_write(path) as partial:
         partial.write_bytes(data)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocplanner.drawing.overlay import Caption, draw_caption, draw_paths, enlarge
 from ocplanner.errors import InvalidValueError, OutputError, ResultFileError, ShapeError
-from ocplanner.files.storage import atomic_write
+from ocplanner.files.storage import atomic_write, check_output
 
 # The index comes first, and the same frames give the same bytes.
 _PARAMETERS = "-preset fast -crf 21 -threads 1 -movflags +faststart -fflags +bitexact -f mp4"
@@ -93,6 +93,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], *, fps: float = 
     height, width = first.shape[:2]
     if height % 2 or width % 2:
         raise ShapeError(f"frames of a video need even sides, found {height}x{width}")
+    check_output(path, True, "mp4 video")
     with atomic_write(path) as partial:
         encoder = imageio_ffmpeg.write_frames(partial, (width, height), **{**_CODING, "fps": fps})
         count = 0

@@ -8,9 +8,9 @@ import json
 import os
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ocplanner.errors import OutputError
 
@@ -30,15 +30,104 @@ _REMEDIES = {
 }
 
 
-def check_free(path: Path, overwrite: bool) -> None:
-    """Check that an output may be written.
+OutputKind = Literal["HDF5 data set", "JSON result", "HTML page", "picture", "mp4 video", "safetensors file"]
+"""What a verb writes."""
+
+
+def check_output(
+    path: Path, overwrite: bool, kind: OutputKind, reads: Iterable[str | Path | None] = (), *, resumed: bool = False
+) -> None:
+    """Check that an output may be written: the one rule of all verbs.
+
+    What is read is never replaced, under whatever name. Another file is replaced only if that is allowed and it is of
+    the kind that is written.
+
+    Args:
+        path: the output.
+        overwrite: an existing file may be replaced.
+        kind: what is written.
+        reads: files and folders that are read to make it; None stands for one that is not given.
+        resumed: an existing file is read and continued, so ``overwrite`` does not matter.
 
     Raises:
-        OutputError: the path is a folder, or an existing file that must not be replaced.
+        OutputError: the path is a folder, a file that is read, or an existing file that must not be replaced.
     """
-    if path.is_dir() or (path.exists() and not overwrite):
-        remedy = "choose another file, or allow overwriting (--overwrite; overwrite=True)"
-        raise OutputError(f"{path} exists already; {'name a file' if path.is_dir() else remedy}")
+    _refuse_input(path, reads)
+    if path.is_dir():
+        raise OutputError(f"{str(path)!r} exists already as a folder; name a file")
+    if kind == "JSON result" and path.suffix != ".json":  # the folder of its videos or cells has the name without it
+        raise OutputError(f"{path} cannot be a result file: its name must end in .json; name it {path}.json")
+    if not path.exists():
+        return
+    if not overwrite and not resumed:
+        raise OutputError(
+            f"{path} exists already; choose another file, or allow overwriting (--overwrite; overwrite=True)"
+        )
+    if not _is(kind, path):
+        raise OutputError(
+            f"{path} exists already and is no {kind}, so it is not replaced; choose another output, or delete it first"
+        )
+
+
+def check_folder(folder: Path, written: Iterable[str], mark: str, reads: Iterable[str | Path | None] = ()) -> None:
+    """Check that a folder may be filled, as the run folder of a training is.
+
+    Args:
+        folder: the folder; it need not exist.
+        written: names of what will be written into it.
+        mark: the file that tells a folder of this kind from any other.
+        reads: files that are read meanwhile; None stands for one that is not given.
+
+    Raises:
+        OutputError: it is the working directory or holds that, holds a file that is read, or belongs to something else.
+    """
+    whole = folder.resolve()
+    if Path.cwd().is_relative_to(whole):
+        raise OutputError(
+            f"{str(folder)!r} cannot be the folder: the working directory is in it; name a folder of its own"
+        )
+    for read in reads:
+        if read is not None and Path(read).resolve().is_relative_to(whole):
+            raise OutputError(f"{folder} holds {read}, which is read; name a folder of its own")
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder} is a file; name a folder")
+    foreign = [name for name in written if (folder / name).exists()]
+    if foreign and not (folder / mark).exists():
+        raise OutputError(
+            f"{folder} has no {mark}, so its {', '.join(foreign[:3])} may be something else's; name another folder"
+        )
+
+
+def _refuse_input(path: Path, reads: Iterable[str | Path | None]) -> None:
+    for read in map(Path, filter(None, reads)):
+        if path.resolve() == read.resolve() or (path.exists() and read.exists() and path.samefile(read)):
+            named = str(path) if str(path) == str(read) else f"{path} is {read}, which"
+            raise OutputError(f"{named} is read to make the output and is never replaced; choose another output")
+
+
+def _is(kind: OutputKind, path: Path) -> bool:
+    """Whether a file is of a kind, by its content; an empty one is of any."""
+    if not path.is_file():  # a device or a pipe
+        return False
+    with writing(path), path.open("rb") as file:
+        start = file.read(512)
+    if not start:
+        return True
+    if kind == "HDF5 data set":
+        return start.startswith(b"\x89HDF\r\n\x1a\n")
+    if kind == "HTML page":
+        return start.lstrip().lower().startswith((b"<!doctype html", b"<html"))
+    if kind == "picture":
+        return start.startswith((b"\x89PNG", b"%PDF")) or b"<svg" in start
+    if kind == "safetensors file":
+        return start[4:9] == b"\0\0\0\0{"  # a header below 4 GiB
+    if kind == "mp4 video":
+        return start[4:8] == b"ftyp"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return isinstance(content, dict) and not content.keys().isdisjoint(("command", "runs", "cells"))
 
 
 def output_error(path: Path, error: BaseException) -> OutputError:
@@ -145,9 +234,12 @@ def locked(path: str | Path) -> Iterator[None]:
     """Hold the right to write ``path``, a file or a folder; the lock ends with the process, even after ``kill -9``.
 
     Raises:
-        OutputError: another process holds the lock, or the lock file beside ``path`` cannot be made.
+        OutputError: another process holds the lock, the lock file beside ``path`` cannot be made, or ``path`` has no
+            name.
     """
     path = Path(path)
+    if path.name in ("", ".."):
+        raise OutputError(f"{str(path)!r} names no file or folder of its own; give a name")
     lock = path.with_name(f".{path.name}.lock")
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

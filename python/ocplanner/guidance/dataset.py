@@ -9,8 +9,8 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
-from ocplanner.errors import OutputError
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE, FileIdentity
+from ocplanner.files.storage import check_output
 from ocplanner.guidance.labels import Labeller
 from ocplanner.guidance.settings import LabelSettings
 from ocplanner.planner.planner import Planner
@@ -67,12 +67,12 @@ def label_dataset(
             already.
         InvalidValueError: a number is out of range.
         MismatchError: planner and images do not fit together, or ``pictures`` shows other demonstrations.
-        OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
+        OutputError: the target exists, is the source, cannot be written, or was begun with other settings or from
+            another source.
         ModelFileError: the planner cannot be read.
     """
     require(limit is None or limit >= 1, f"limit {limit} must be at least 1")
-    if Path(source).resolve() == Path(target).resolve():
-        raise OutputError(f"{target} is the source itself; choose another output")
+    check_output(Path(target), overwrite, "HDF5 data set", reads := (source, pictures, _file(planner)), resumed=True)
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
     with ExitStack() as opened:
         demos = opened.enter_context(Demonstrations(source, reading=reading))
@@ -85,15 +85,21 @@ def label_dataset(
         pictured = None if drawn is None else _identity(drawn)
         record = replace(labeller.record(), source=_identity(demos), pictures=pictured)
         attrs[LABEL_ATTRIBUTE] = record.to_json()
-        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite, durable=False) as writer:
-            done = set(writer.done)
+        with DatasetWriter(
+            target, demos.env_args, data_attrs=attrs, overwrite=overwrite, durable=False, reads=reads
+        ) as writer:
+            done = {name for name in writer.done if name in names and writer.holds(name, labeller.digest(demos[name]))}
             for name in sorted(names, key=lambda name: name not in done):
                 if name not in done:
-                    writer.add_copy(demos[name], labeller.label(demos[name]))
+                    writer.add_copy(demos[name], labeller.label(demos[name]), labeller.digest(demos[name]))
                 if progress:
                     progress(name, demos[name].length)
             masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
+
+
+def _file(planner: Planner | str | Path) -> str | Path:
+    return planner.path if isinstance(planner, Planner) else planner
 
 
 def _identity(demos: Demonstrations) -> FileIdentity:

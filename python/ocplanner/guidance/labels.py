@@ -49,7 +49,7 @@ class Labeller:
     ) -> None:
         if demos.label_record is not None:
             raise DatasetError(f"{demos.path} is labelled already; label the data set that it was made from")
-        self._pictures = demos if pictures is None else pictures
+        self._demos, self._pictures = demos, demos if pictures is None else pictures
         check_fit(planner, self._pictures)
         header = planner.header
         check_horizon_steps(settings.horizon_steps, header.horizon, settings.hint_from)
@@ -95,6 +95,10 @@ class Labeller:
         if self._settings.reward != "off":
             arrays |= self._rewards(demo, poses, held, plan)
         return arrays | self._next_observations(demo, arrays)
+
+    def digest(self, demo: Demonstration) -> str:
+        """What a demonstration's labels are made from: its digest, and that of its pictures if they are elsewhere."""
+        return demo.digest() if self._pictures is self._demos else f"{demo.digest()}+{self._drawn(demo).digest()}"
 
     def needed(self, demo: Demonstration) -> None:
         """Read what the labels of a demonstration need, without its pictures.

@@ -27,7 +27,7 @@ from ocplanner.progress import TrainingProgress
 from ocplanner.settings import to_dict
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder, Optimisation
-from ocplanner.training.run_folder import RunFolder
+from ocplanner.training.run_folder import RunFolder, check_run_folder
 from ocplanner.training.schedule import learning_rate
 
 ORDER = tuple(stage.name for stage in STAGES)
@@ -49,8 +49,9 @@ def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadS
         DatasetError: the data set is damaged or lacks images.
         MismatchError: the data set was rendered for another observation or image size.
         TrainingError: a loss is not finite, or the run folder belongs to another training.
-        OutputError: the folder cannot be written, or another process trains in it.
+        OutputError: the folder cannot be written, is no folder for a run, or another process trains in it.
     """
+    check_run_folder(run, [data])
     progress = TrainingProgress()
     with Demonstrations(data, reading=reading) as demos:
         settings = data_settings(demos, config)
@@ -71,6 +72,7 @@ def train_on_frames(
     progress: TrainingProgress | None = None,
 ) -> Path:
     """Train on frames that are already in memory; otherwise like :func:`train_planner`."""
+    check_run_folder(run)
     keep_freed_memory()
     with locked(run), _threads(config.threads):
         folder = RunFolder(run)

@@ -15,7 +15,7 @@ from ocplanner.files.records.episode import EpisodeResult
 from ocplanner.files.records.evaluation import CheckpointResult, EvaluationSettings, PolicyResult
 from ocplanner.files.records.labels import LabelRecord
 from ocplanner.files.records.render import RenderRecord
-from ocplanner.files.storage import check_free, locked
+from ocplanner.files.storage import check_output, locked
 from ocplanner.guidance.live_hint import LiveHint, check_planner
 from ocplanner.planner.planner import Planner
 from ocplanner.policies.policy import Policy
@@ -150,7 +150,7 @@ def evaluate_policy(
         runs = _play(job, workers, None, on_episode)
     else:
         out = Path(out)
-        check_free(out, overwrite)
+        check_output(out, overwrite, "JSON result", (*paths, planner))
         with locked(out):
             journal = Journal(_journal(out), _identity(job, policies, loaded))
             runs = _play(job, workers, journal, on_episode)

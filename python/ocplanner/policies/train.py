@@ -44,7 +44,7 @@ from ocplanner.progress import TrainingProgress
 from ocplanner.settings import require, to_dict
 from ocplanner.training.memory import keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder
-from ocplanner.training.run_folder import RunFolder
+from ocplanner.training.run_folder import RunFolder, check_run_folder
 from ocplanner.versions import installed
 
 _CHECKPOINT_SECONDS = 30.0
@@ -102,6 +102,7 @@ def train_policy(
     world = int(os.environ["WORLD_SIZE"]) if elastic else processes
     if processes < 1 or config.batch % world:
         raise InvalidValueError(f"a batch of {config.batch} cannot be shared evenly by {world} processes; change one")
+    check_run_folder(run, [data, sampler])
     fabric = _fabric(config, processes, elastic)
     try:
         outcome = fabric.launch(partial(_process, config=config, data=data, run=run, sampler=sampler, reading=reading))

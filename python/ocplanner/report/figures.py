@@ -39,10 +39,12 @@ def write_figures(sources: Sources, folder: str | Path) -> list[Path]:
         series = noise_series(sources.records)
         charts |= {f"pose_noise_{i}": success_against_noise(records) for i, records in enumerate(series)}
     written = [
-        save_figure(figure, folder / f"{name}.{kind}") for name, figure in charts.items() for kind in ("svg", "png")
+        save_figure(figure, folder / f"{name}.{kind}", sources.files)
+        for name, figure in charts.items()
+        for kind in ("svg", "png")
     ]
     written += [
-        save_figure(film_strip(list(read_video(path))), folder / f"film_strip_{name}.png")
+        save_figure(film_strip(list(read_video(path))), folder / f"film_strip_{name}.png", sources.files)
         for path, name in zip(sources.videos, distinct_names(sources.videos))
     ]
     return written

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from ocplanner.drawing.style import SERIES, page_colors, page_svg
 from ocplanner.files.records.evaluation import PolicyResult
 from ocplanner.files.records.metrics import HeldOutErrors
-from ocplanner.files.storage import atomic_write
+from ocplanner.files.storage import atomic_write, check_output
 from ocplanner.report.heat_map import cell_text, heat_map
 from ocplanner.report.media import EmbeddedVideo, embed_file, embed_video
 from ocplanner.report.noise_plot import noise_series, success_against_noise
@@ -76,8 +76,9 @@ def write_report(
 
 def write_page(sources: Sources, out: str | Path, *, title: str | None = None, most_videos: int = 12) -> Path:
     """:func:`write_report` for sources found already."""
-    text = render_page(sources, title=title, most_videos=most_videos)
     out = Path(out)
+    check_output(out, True, "HTML page", sources.files)
+    text = render_page(sources, title=title, most_videos=most_videos)
     with atomic_write(out) as partial:
         partial.write_text(text, encoding="utf-8")
     return out

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ class Sources:
     planners: tuple[Path, ...]
     policies: tuple[Path, ...]
     evaluations: tuple[PolicyRecord, ...]
+    files: tuple[Path, ...] = ()
+    """What must not be replaced: all of these except pictures in folders, which a report may have drawn itself."""
 
     @property
     def planner_runs(self) -> list[TrainingRun]:
@@ -49,7 +51,7 @@ class Sources:
         return [run for run in self.runs if run.of_policy]
 
 
-def find_sources(paths: Iterable[str | Path]) -> Sources:
+def find_sources(paths: Sequence[str | Path]) -> Sources:
     """Look through files and folders.
 
     A folder with ``metrics.jsonl`` is a run. A JSON file is a transfer, a matrix of transfers, or an evaluation of a
@@ -62,6 +64,7 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
             nothing to show.
     """
     found: dict[Path, tuple[Path, str]] = {}
+    named = {Path(path).resolve() for path in paths}
     for path in map(Path, paths):
         if path.is_dir():
             kinds = ((file, _kind(file)) for file in _files(path))
@@ -86,6 +89,7 @@ def find_sources(paths: Iterable[str | Path]) -> Sources:
         planners=tuple(of("planner")),
         policies=tuple(of("policy")),
         evaluations=tuple(read_evaluation(file) for file in of("evaluation")),
+        files=tuple(file for place, (file, kind) in found.items() if kind != "figure" or place in named),
     )
 
 

@@ -141,7 +141,7 @@ def _copy_held_out(data: Path, target: Path) -> None:
         demos = opened.enter_context(Demonstrations(data))
         if "valid" not in demos.mask_names:
             raise DatasetError(f"{data}: no mask/valid, so nothing says what was held out")
-        writer = opened.enter_context(DatasetWriter(target, demos.env_args))
+        writer = opened.enter_context(DatasetWriter(target, demos.env_args, reads=[data]))
         for name in demos.mask("valid")[:_SHOWN]:
             writer.add_copy(demos[name], {})
         writer.finish()

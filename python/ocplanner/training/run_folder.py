@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,23 @@ from ocplanner.files.records.metrics import (
     write_config,
     write_metrics,
 )
-from ocplanner.files.storage import atomic_write, writing
+from ocplanner.files.storage import atomic_write, check_folder, writing
 
 _FREE = ("threads", "device")
 """Settings that may change when a training is resumed."""
+
+
+_WRITTEN = (METRICS, "checkpoints/latest.safetensors", "planner.safetensors", "policy.safetensors", "policies")
+"""What would be lost if the folder of something else were trained in."""
+
+
+def check_run_folder(path: Path, reads: Iterable[str | Path | None] = ()) -> None:
+    """Check that a training may use a folder, before anything is read or made.
+
+    Raises:
+        OutputError: it is or holds the working directory, holds a file that is read, or is no run folder.
+    """
+    check_folder(path, _WRITTEN, CONFIG, reads)
 
 
 class RunFolder:

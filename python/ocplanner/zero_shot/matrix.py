@@ -8,7 +8,7 @@ from pathlib import Path
 from ocplanner.envs.robots import ROBOTS
 from ocplanner.errors import InvalidValueError, ModelFileError, OutputError, WorkerError
 from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.files.storage import check_free, locked
+from ocplanner.files.storage import check_output, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
@@ -120,6 +120,7 @@ def transfer_matrix(
     out, workers, progress = Path(out), workers or WorkerSettings(), progress or MatrixProgress()
     seeds = seeds_of(episodes)
     setups = [TransferSetup.of(planner, robot, config) for planner in planners for robot in dict.fromkeys(robots)]
+    check_output(out, overwrite, "JSON result", (path for setup in setups for path in setup.planners), resumed=True)
     with locked(out):
         cells = {cell.file_name: cell for cell in (read_results(out) if out.exists() else ())}
         matrix = Matrix(running_command(), tuple(cells.values()))
@@ -152,7 +153,7 @@ class _Cell:
                     return found
                 if not overwrite:
                     _check_same(self.out, found, self.setup, self.seeds)
-            check_free(self.out, overwrite)
+            check_output(self.out, overwrite, "JSON result", self.setup.planners)
             journal = journal_of(self.setup, self.out)
             result = play(self.setup, self.seeds, self.workers, journal, progress.episode)
             self._film(result, videos, again=True)

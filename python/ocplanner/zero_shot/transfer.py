@@ -7,7 +7,7 @@ from pathlib import Path
 from ocplanner.errors import InvalidValueError
 from ocplanner.files.journal import Journal
 from ocplanner.files.records.episode import EpisodeResult
-from ocplanner.files.storage import check_free, locked
+from ocplanner.files.storage import check_output, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
@@ -95,9 +95,10 @@ def run_transfer(
                 f"videos is {videos}, but without out there is no place for them; give a result file"
             )
         return play(setup, seeds, workers, None, on_episode)
+    check_output(out, overwrite, "JSON result", setup.planners)
     setup = setup.filming(out, seeds[:videos])
     with locked(out):
-        check_free(out, overwrite)
+        check_output(out, overwrite, "JSON result")
         journal = journal_of(setup, out)
         result = play(setup, seeds, workers, journal, on_episode)
         result.save(out)

@@ -12,6 +12,7 @@ from robomimic.utils.file_utils import load_dict_from_checkpoint
 from torch import Tensor
 
 from ocplanner.errors import MismatchError, ModelFileError
+from ocplanner.files.storage import check_output
 from ocplanner.policies.actor import Actor
 from ocplanner.policies.config import HINT_KEY, ObservationConfig
 from ocplanner.policies.network import make_network
@@ -70,6 +71,7 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
     except (KeyError, RuntimeError) as error:
         raise MismatchError(f"{checkpoint}: its weights are not those of its configuration: {error}") from error
     step = found["variable_state"]["epoch"] * (training.steps // max(1, values["train"]["num_epochs"]))
+    check_output(out, True, "safetensors file", (checkpoint, data))
     save_policy(actor, replace(header, step=step, exported_from=checkpoint.name), out)
     return out
 
