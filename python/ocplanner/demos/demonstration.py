@@ -347,7 +347,7 @@ class Demonstration:
         return {path: array for path in paths if (array := own[path] if path in own else self._read(path)) is not None}
 
     def digest(self) -> str:
-        """SHA-256 of what the file stores of it and how that is read; of arrays with pictures every eighth row counts."""
+        """SHA-256 of what the file stores of it and how that is read; of pictures every eighth counts."""
         told = [self.attrs, dict(self._recording.names), self._recording.object_layout]
         digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
         for path in sorted(self._file.arrays(f"data/{self.name}")):

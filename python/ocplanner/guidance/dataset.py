@@ -72,8 +72,8 @@ def label_dataset(
         ModelFileError: the planner cannot be read.
     """
     require(limit is None or limit >= 1, f"limit {limit} must be at least 1")
-    check_output(Path(target), overwrite, "HDF5 data set", reads := (source, pictures, _file(planner)), resumed=True)
     planner = planner if isinstance(planner, Planner) else Planner.load(planner)
+    check_output(Path(target), overwrite, "HDF5 data set", reads := (source, pictures, planner.path), resumed=True)
     with ExitStack() as opened:
         demos = opened.enter_context(Demonstrations(source, reading=reading))
         drawn = None if pictures is None else opened.enter_context(Demonstrations(pictures, reading=reading))
@@ -96,10 +96,6 @@ def label_dataset(
                     progress(name, demos[name].length)
             masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
-
-
-def _file(planner: Planner | str | Path) -> str | Path:
-    return planner.path if isinstance(planner, Planner) else planner
 
 
 def _identity(demos: Demonstrations) -> FileIdentity:

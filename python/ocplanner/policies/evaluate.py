@@ -150,7 +150,7 @@ def evaluate_policy(
         runs = _play(job, workers, None, on_episode)
     else:
         out = Path(out)
-        check_output(out, overwrite, "JSON result", (*paths, planner))
+        check_output(out, overwrite, "JSON result", (*paths, loaded and loaded.path))
         with locked(out):
             journal = Journal(_journal(out), _identity(job, policies, loaded))
             runs = _play(job, workers, journal, on_episode)
