@@ -39,7 +39,7 @@ def test_every_checkpoint_meets_episodes_of_its_own(run_folder, tmp_path):
         "steps": 3,
         "failure": "missed grasp",
     }
-    assert written["settings"] == {"episodes": 2, "last": None, "seed_start": 30000, "horizon": 3}
+    assert written["settings"] == {"episodes": 2, "last": None, "seed_start": 30000, "horizon": 3, "visual": None}
     assert (written["format"], written["privileged"], written["last_five_checkpoints"]) == (2, ["object pose"], 2)
     assert [checkpoint.step for checkpoint in short(run_folder / "policies", last=1).checkpoints] == [20]
     assert not (tmp_path / "out.json.journal").exists()

@@ -14,6 +14,8 @@ from ocplanner.errors import DatasetError, MismatchError, ShapeError
 from ocplanner.files.records.labels import ActionScale, FrameName
 
 _SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's defaults, for recordings that do not say
+_COMPARED, _FEWEST_STEPS, _MOVES_M = 5, 8, 0.02
+_ALIKE, _SLOPE = 0.9, 1.5
 
 
 class ActionFrame:
@@ -28,12 +30,13 @@ class ActionFrame:
         name: ``"world"`` or ``"base"``.
 
     Raises:
-        MismatchError: the actions are not OSC_POSE deltas of one arm.
+        MismatchError: the actions are not OSC_POSE deltas of one arm, or are other than env_args say.
     """
 
     def __init__(self, demos: Demonstrations) -> None:
         self._demos = demos
         controller = _osc_pose(demos)
+        check_deltas(demos)
         self.scale = _scale(demos, controller)
         modern = "input_type" in controller or "input_ref_frame" in controller or is_from_1_5(demos.env_version)
         name = str(controller.get("input_ref_frame", "base")) if modern else "world"
@@ -79,6 +82,50 @@ class ActionFrame:
         return self._env.base_rotation
 
 
+def check_deltas(demos: Demonstrations) -> None:
+    """Check that actions which env_args call deltas of OSC_POSE do not follow the hand's position.
+
+    Raises:
+        MismatchError: they do: they are absolute.
+    """
+    looked_at = demos[:_COMPARED]
+    try:
+        _osc_pose(demos)
+        absolute = [are_absolute(demo.actions, demo.eef_positions) for demo in looked_at]
+    except (DatasetError, MismatchError):  # nothing says that they are deltas, or there is nothing to compare them with
+        return
+    if sum(absolute) > len(looked_at) / 2:
+        raise MismatchError(
+            f"{demos.path}: env_args say that the actions are deltas, but they follow the hand's position "
+            f"(obs/robot0_eef_pos) in {sum(absolute)} of {len(looked_at)} demonstrations, as absolute actions do; set "
+            "control_delta to false in the controller of env_args, or give the data set with delta actions"
+        )
+
+
+def are_absolute(actions: np.ndarray, positions: np.ndarray) -> bool:
+    """Whether actions are places that the hand goes to, rather than how far it goes.
+
+    Places go up and down with the hand's own, metre by metre, along each axis in which it moves. Deltas are at their
+    largest on the way, not at its end, and are not in metres.
+
+    Args:
+        actions: (T, 3 or more), position first.
+        positions: (T, 3) of the hand before each action, metres.
+    """
+    if len(actions) < _FEWEST_STEPS:
+        return False
+    asked, reached = actions[:-1, :3], positions[1:]
+    moving = np.flatnonzero(np.ptp(reached, axis=0) > _MOVES_M)
+    if not len(moving) or np.any(np.ptp(asked[:, moving], axis=0) == 0):
+        return False
+    for axis in moving:
+        slope = np.polyfit(reached[:, axis], asked[:, axis], 1)[0]
+        alike = np.corrcoef(reached[:, axis], asked[:, axis])[0, 1]
+        if alike < _ALIKE or not 1 / _SLOPE < slope < _SLOPE:
+            return False
+    return True
+
+
 def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
     kwargs = demos.env_args.get("env_kwargs")
     found = list(_controllers((kwargs if isinstance(kwargs, dict) else {}).get("controller_configs")))
@@ -86,13 +133,14 @@ def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
     if len(demos.robots) != 1 or len(arms) != 1:
         types = ", ".join(sorted({str(controller["type"]) for controller in found})) or "nothing"
         raise MismatchError(
-            f"{demos.path}: controllers {types} of {', '.join(demos.robots) or 'no robot'} in env_args, but hints are "
-            "commands to one arm under OSC_POSE; record with that controller, or label rewards only (--no-hints)"
+            f"{demos.path}: controllers {types} of {', '.join(demos.robots) or 'no robot'} in env_args, but hints "
+            "and evaluation need one arm under OSC_POSE; record with that controller, or label rewards only "
+            "(--no-hints)"
         )
     if arms[0].get("input_type", "delta") != "delta" or arms[0].get("control_delta", True) is not True:
         raise MismatchError(
-            f"{demos.path}: absolute actions, but hints are deltas; use the data set with delta actions, or label "
-            "rewards only (--no-hints)"
+            f"{demos.path}: absolute actions, but hints and evaluation need deltas; use the data set with delta "
+            "actions, or label rewards only (--no-hints)"
         )
     return arms[0]
 
@@ -123,7 +171,8 @@ def _scale(demos: Demonstrations, controller: Mapping[str, Any]) -> ActionScale:
     uniform = np.all(most[:3] == most[0]) and np.all(most[3:] == most[3]) and np.array_equal(least, -most)
     if not uniform or np.any(most <= 0) or range_in != (-1.0, 1.0):
         raise MismatchError(
-            f"{demos.path}: actions in {range_in} become {least.tolist()} to {most.tolist()}, but hints need actions "
-            "in [-1, 1] and one symmetric scale each for position and rotation; label rewards only (--no-hints)"
+            f"{demos.path}: actions in {range_in} become {least.tolist()} to {most.tolist()}, but hints and evaluation "
+            "need actions in [-1, 1] and one symmetric scale each for position and rotation; label rewards only "
+            "(--no-hints)"
         )
     return ActionScale(float(most[0]), float(most[3]))

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocplanner.demos.layouts import TASK_OBJECTS, Order
+from ocplanner.demos.layouts import Order
+from ocplanner.demos.object_sensors import OBJECT_SENSORS
 from ocplanner.envs.tasks import Task
-from ocplanner.errors import MismatchError
 
 if TYPE_CHECKING:
     from ocplanner.demos.demonstration import Demonstration
@@ -34,8 +34,7 @@ class DerivedObservations:
         self._made_of = (task, robot, grippers)
         hands = [f"robot{number}_eef_pos" for number in range(task.arms)]
         poses = [f"{spec.name}_{part}" for spec in task.objects for part in ("pos", "quat")]
-        layout = TASK_OBJECTS.get(task.env_name)
-        vector = [] if layout is None or not layout.relative else ["object"]
+        vector = ["object"] if task.env_name in OBJECT_SENSORS else []
         self.keys = (*hands, "robot0_eef_quat", "robot0_gripper_qpos", *poses, *vector)
         self._forget()
 
@@ -93,10 +92,7 @@ def _observed(world: "RecordedWorld") -> dict[str, np.ndarray]:
     from ocplanner.demos.recorded_observation import recorded_observation
 
     env = world.env
-    try:
-        found = recorded_observation(env, DERIVED_ORDER)
-    except MismatchError:  # this task's `object` has no order that could be made
-        found = recorded_observation(env)
+    found = recorded_observation(env, DERIVED_ORDER if env.task.env_name in OBJECT_SENSORS else None)
     for number, arm in enumerate(env.arms):
         found[f"robot{number}_eef_pos"] = arm.eef_pose().position
     for spec in env.task.objects:

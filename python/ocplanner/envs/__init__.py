@@ -14,6 +14,11 @@ __all__ = ["ControlLoop", "ManipulationEnv", "make_env"]
 ControlLoop = Literal["native", "stock"]
 """``native``: the control loop in Rust. ``stock``: robosuite's own, slower, with the same torques."""
 
+CONTROL_HZ = 20.0
+"""Control steps a second, if nothing else is said: robosuite's own choice."""
+CONTROL_RANGE_HZ = (1.0, 500.0)
+"""The fastest is one control step a physics step."""
+
 
 def __getattr__(name: str) -> object:
     if name in ("ManipulationEnv", "make_env"):

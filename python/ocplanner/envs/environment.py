@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ocplanner.envs import ControlLoop
+from ocplanner.envs import CONTROL_HZ, CONTROL_RANGE_HZ, ControlLoop
 from ocplanner.envs.arms import RobotArm
 from ocplanner.envs.cameras import Cameras
 from ocplanner.envs.kinematics import reach
@@ -19,13 +19,13 @@ from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import Observe, visual_preset
 from ocplanner.errors import ShapeError
 from ocplanner.geometry.pose import Pose
-from ocplanner.settings import require_choice
+from ocplanner.settings import require, require_choice
 
 _RESTARTS = 6
 
 
 class ManipulationEnv:
-    """One task, controlled by normalised end-effector deltas (OSC_POSE) at 20 Hz.
+    """One task, controlled by normalised end-effector deltas (OSC_POSE).
 
     A task for several arms has several of the same kind in :attr:`arms`; the methods about one arm are about the first.
 
@@ -44,6 +44,7 @@ class ManipulationEnv:
             give the same torques. If ``"native"`` does not support the robot, it warns and uses ``"stock"``.
         seed: seed of the first episode.
         horizon: control steps of an episode; the task's own if not given. The environment does not stop there itself.
+        control_freq: control steps a second.
 
     Attributes (and the other arguments, resolved, under their own names):
         observe_mode: what the images show.
@@ -52,6 +53,7 @@ class ManipulationEnv:
 
     Raises:
         UnknownNameError: a name is not known; the message lists the known ones.
+        InvalidValueError: the simulation cannot be controlled so often or so rarely.
     """
 
     def __init__(
@@ -67,7 +69,11 @@ class ManipulationEnv:
         control: str = "native",
         seed: int = 0,
         horizon: int | None = None,
+        control_freq: float = CONTROL_HZ,
     ) -> None:
+        slowest, fastest = CONTROL_RANGE_HZ
+        in_range = slowest <= control_freq <= fastest
+        require(in_range, f"control_freq is {control_freq:g} Hz, but must be {slowest:g} to {fastest:g}")
         require_choice("observation", observe, Observe)
         require_choice("control loop", control, ControlLoop)
         self.task = task = task_of_name(task) if isinstance(task, str) else task
@@ -78,9 +84,10 @@ class ManipulationEnv:
         self.observe_mode = observe
         self.patches = robot.patches if patches is None else tuple(patches)
         self.horizon = task.horizon if horizon is None else horizon
+        self.control_freq = control_freq
         self.steps = 0
         check_patches(self.patches)
-        self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed)
+        self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed, control_freq)
         self._control = attach(self._env) if control == "native" else None
         self.control = "stock" if self._control is None else "native"
         self._find_references()
@@ -129,7 +136,7 @@ class ManipulationEnv:
         self.steps = 0
 
     def step(self, action: np.ndarray) -> None:
-        """Advance one control step (0.05 s).
+        """Advance one control step (0.05 s at 20 Hz).
 
         Args:
             action: (7,) in [-1, 1]: position delta (times 0.05 m), rotation vector delta (times 0.5 rad), both in the

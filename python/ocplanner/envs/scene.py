@@ -14,7 +14,9 @@ REGISTERED_ENVS = robosuite.environments.base.REGISTERED_ENVS
 _ENDLESS = 2**31
 
 
-def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patches: tuple[str, ...], seed: int) -> Any:
+def build_robosuite_env(
+    task: Task, robot: RobotSpec, preset: VisualPreset, patches: tuple[str, ...], seed: int, control_freq: float
+) -> Any:
     """A robosuite environment that never ends an episode itself and resets without rebuilding its model."""
 
     def edit(xml: str) -> str:
@@ -30,7 +32,7 @@ def build_robosuite_env(task: Task, robot: RobotSpec, preset: VisualPreset, patc
         has_offscreen_renderer=False,
         use_camera_obs=False,
         use_object_obs=True,
-        control_freq=20,
+        control_freq=control_freq,
         ignore_done=True,
         horizon=_ENDLESS,
         hard_reset=False,

@@ -7,9 +7,11 @@ import numpy as np
 
 from ocplanner.control.grasp_detection import held_steps
 from ocplanner.demos.action_frame import ActionFrame
+from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.recorded_task import carriers
+from ocplanner.envs import CONTROL_HZ
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.files.records.labels import LabelledBy, LabelRecord
 from ocplanner.guidance.hints import HINT_WIDTH, action_law, check_horizon_steps, plan_hints, plan_rows
@@ -23,6 +25,15 @@ from ocplanner.versions import installed
 _HARDLY = 0.02
 """Share of steps: people hold the object in a third of them and more."""
 _NOT_OBSERVED = ("_empty", "_mask", "_silhouettes")  # a camera's arrays for augmentation, which no policy sees
+
+
+def _check_frequency(demos: Demonstrations) -> None:
+    found = control_frequency(demos, demos.names[0])
+    if found != CONTROL_HZ:
+        raise MismatchError(
+            f"{demos.path} was recorded at {found:g} Hz, but how far an action moves the hand, which hints need, was "
+            f"measured at {CONTROL_HZ:g} Hz; label rewards only (--no-hints)"
+        )
 
 
 class Labeller:
@@ -56,6 +67,8 @@ class Labeller:
         self._planner, self._settings, self._object = planner, settings, header.object
         self._arms = carriers(demos.env_name, header.object)
         self._steps = header.horizon if settings.hints else 1
+        if settings.hints:
+            _check_frequency(demos)
         self._frame = ActionFrame(demos) if settings.hints else None
 
     def record(self) -> LabelRecord:

@@ -9,12 +9,11 @@ from torch import Tensor
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.object_sensors import Sensors, object_order, rearranged, sensors_of
 from ocplanner.errors import MismatchError
 from ocplanner.policies.data import Samples, load_samples
+from ocplanner.policies.evaluable import object_of
 from ocplanner.policies.policy import Policy
-
-_BLOCK = 14
-"""Numbers of one object in ``object`` where the order may differ: absolute pose, relative pose."""
 
 
 def load_episode(policy: Policy, demos: Demonstrations, name: str) -> Samples:
@@ -29,20 +28,22 @@ def load_episode(policy: Policy, demos: Demonstrations, name: str) -> Samples:
     header, demo = policy.header, demos[name]
     if demos.task_name != header.task:
         raise MismatchError(f"{demos.path} shows {demos.task_name}, but {policy.path} was trained on {header.task}")
-    samples = load_samples(demos, [name], policy.training)
+    samples = load_samples(demos, [name], policy.training, header.action_range)
     low_dim, actions = samples.low_dim, samples.actions
-    if "object" in policy.training.observation.low_dim and demo.object_layout() != header.object_layout:
-        low_dim = _swapped(low_dim, demo, policy.training.observation.low_dim)
+    keys = policy.training.observation.low_dim
+    wanted = object_of(header) if "object" in keys else None
+    if wanted is not None:
+        found = sensors_of(demos.env_name, object_order(demos, name))
+        low_dim = low_dim if found == wanted else _rearranged(low_dim, demo, keys, found, wanted)
     return replace(samples, low_dim=low_dim, actions=_in_frame(actions, policy, demos, demo))
 
 
-def _swapped(low_dim: Tensor, demo: Demonstration, keys: tuple[str, ...]) -> Tensor:
-    """Absolute and relative pose of every object exchanged."""
+def _rearranged(low_dim: Tensor, demo: Demonstration, keys: tuple[str, ...], found: Sensors, wanted: Sensors) -> Tensor:
+    """``object`` as another robosuite records it."""
     widths = [demo.observation(key, slice(0, 1)).shape[1] for key in keys]
     place = keys.index("object")
     parts = list(low_dim.split(widths, dim=1))
-    halves = parts[place].unflatten(1, (-1, 2, _BLOCK // 2))
-    parts[place] = halves.flip(2).flatten(1)
+    parts[place] = torch.from_numpy(rearranged(parts[place].numpy(), found, wanted)).float()
     return torch.cat(parts, dim=1)
 
 

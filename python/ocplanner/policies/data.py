@@ -13,6 +13,7 @@ from ocplanner.demos.demonstration import Demonstration
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.guidance.hints import HINT_WIDTH
 from ocplanner.guidance.settings import LabelSettings
+from ocplanner.policies.action_range import ActionRange, range_of, scaled
 from ocplanner.policies.algorithms import find_algorithm
 from ocplanner.policies.config import HINT_KEY, PolicyTraining
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
@@ -131,12 +132,20 @@ class Samples:
         return f"{len(self)} steps, crc32 {value:08x}"
 
 
-def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTraining) -> Samples:
+def load_samples(
+    demos: Demonstrations, names: Sequence[str], config: PolicyTraining, ranges: ActionRange | None = None
+) -> Samples:
     """Read the named demonstrations whole into memory.
 
+    Args:
+        demos: the data set.
+        names: which demonstrations.
+        config: what is observed.
+        ranges: of the actions, if they are learned scaled to [-1, 1].
+
     Raises:
-        DatasetError: an observation is missing, not finite or of another size, an action lies outside [-1, 1], or
-            pictures were drawn for manipulation only.
+        DatasetError: an observation is missing, not finite or of another size, pictures are black, or actions outside
+            [-1, 1] are not scaled.
     """
     if not names:
         raise DatasetError(f"{demos.path}: no demonstration to learn from; name a mask that is not empty")
@@ -158,7 +167,7 @@ def load_samples(demos: Demonstrations, names: Sequence[str], config: PolicyTrai
             for camera in seen.cameras
         },
         hint=None if hint is None else torch.from_numpy(hint),
-        actions=torch.from_numpy(np.concatenate([_actions(demos, demo) for demo in chosen])),
+        actions=torch.from_numpy(np.concatenate([_actions(demos, demo, ranges) for demo in chosen])),
     )
 
 
@@ -247,15 +256,21 @@ def _pictures(demos: Demonstrations, demo: Demonstration, camera: str, size: int
             f"{demos.path}: {demo.name}/obs/{camera}_image: pictures of {images.shape[1]}x{images.shape[2]}, expected "
             f"{size}x{size}; render the data set at that size with `ocplanner render`"
         )
+    black = np.flatnonzero(~images.any(axis=(1, 2, 3)))
+    if len(black):
+        raise DatasetError(
+            f"{demos.path}: {demo.name}/obs/{camera}_image: {len(black)} of {len(images)} pictures are black, from "
+            f"step {black[0]} on: they were not drawn; render the data set again with `ocplanner render --frames all`"
+        )
     return images
 
 
-def _actions(demos: Demonstrations, demo: Demonstration) -> np.ndarray:
-    actions = demo.actions.astype(np.float32)
-    largest = float(np.abs(actions).max())
-    if largest > 1 + 1e-5:
+def _actions(demos: Demonstrations, demo: Demonstration, ranges: ActionRange | None) -> np.ndarray:
+    actions = demo.actions
+    if ranges is None and range_of([actions]) is not None:
+        largest = float(np.abs(actions).max())
         raise DatasetError(
-            f"{demos.path}: {demo.name}/actions: {largest:.4g} lies outside [-1, 1]; "
-            "convert the data set with robomimic's convert_robosuite.py, which scales actions"
+            f"{demos.path}: {demo.name}/actions: {largest:.4g} lies outside [-1, 1], unlike those of the other "
+            "demonstrations; leave it out of the mask, or record it again"
         )
-    return actions
+    return scaled(actions, ranges)

@@ -18,6 +18,7 @@ from ocplanner.files.records.render import RenderRecord
 from ocplanner.files.storage import check_output, locked
 from ocplanner.guidance.live_hint import LiveHint, check_planner
 from ocplanner.planner.planner import Planner
+from ocplanner.policies.evaluable import check_evaluable
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.rollout import PolicyRollout
 from ocplanner.rollouts.episodes import run_episodes
@@ -67,8 +68,9 @@ class EvaluationWorker:
             policy.header.robots[0],
             cameras=seen.cameras,
             image_size=seen.image_size,
-            visual=render.visual or "fast",
+            visual=render.visual or job.settings.visual or "fast",  # the last where no picture is read
             observe=render.observe,
+            control_freq=policy.header.control_freq,
         )
         self._planner = None if job.planner is None else Planner.load(job.planner)
         self._loaded: tuple[Path, PolicyRollout] | None = None
@@ -133,8 +135,8 @@ def evaluate_policy(
     paths = checkpoints(Path(policy), settings.last)
     policies = [Policy.load(path) for path in paths]
     first = policies[0]
-    if not first.header.robots:
-        raise MismatchError(f"{first.path}: its data set names no robot, so there is no arm to evaluate it on")
+    check_evaluable(first)
+    _check_visual(first, settings)
     if first.training.reads_hints != (planner is not None):
         raise MismatchError(
             f"{first.path} reads hints: give the planner of its data set (--planner)"
@@ -195,6 +197,22 @@ def checkpoints(path: Path, last: int | None = None) -> list[Path]:
     return found[-(last or 0) :]
 
 
+def _check_visual(policy: Policy, settings: EvaluationSettings) -> None:
+    cameras = policy.training.observation.cameras
+    recorded = None if policy.header.render is None else policy.header.render.visual
+    unread = settings.visual is not None and not cameras
+    require(not unread, f"visual is {settings.visual}, but {policy.path} reads no pictures: drop --visual")
+    if recorded is not None and settings.visual not in (None, recorded):
+        raise MismatchError(
+            f"{policy.path} learned from {recorded} pictures, not {settings.visual} ones: drop --visual"
+        )
+    if cameras and recorded is None and settings.visual is None:
+        raise MismatchError(
+            f"{policy.path} does not say with which visual preset the pictures were drawn that it learned from: say it "
+            "with --visual fast or --visual stock (robosuite's own)"
+        )
+
+
 def _journal(out: Path) -> Path:
     return out.with_name(f"{out.name}.journal")
 
@@ -225,6 +243,7 @@ def _identity(job: EvaluationJob, policies: Sequence[Policy], planner: Planner |
         "first_seed": job.settings.seed_start,
         "episodes": job.settings.episodes,
         "horizon": job.settings.horizon,
+        **({} if job.settings.visual is None else {"visual": job.settings.visual}),
         "versions": installed(),
     }
 

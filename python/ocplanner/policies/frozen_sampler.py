@@ -7,9 +7,20 @@ from ocplanner.errors import MismatchError
 from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.config import PolicyTraining, Preset, preset
+from ocplanner.policies.evaluable import object_of
 from ocplanner.policies.policy import Policy
 
-_SAME = ("task", "robots", "low_dim", "actions", "action_frame", "action_scale", "object_layout", "render")
+_SAME = (
+    "task",
+    "robots",
+    "low_dim",
+    "actions",
+    "action_frame",
+    "action_scale",
+    "action_range",
+    "control_freq",
+    "render",
+)
 """What a data set must have in common with the one that the policy was trained on."""
 _STEPS, _BATCH = 10_000, 100
 """Of the ``cpu`` preset: only critics learn, and from features that are computed once."""
@@ -50,9 +61,11 @@ def check_recorded(policy: Policy, header: PolicyHeader, data: Path) -> None:
     Raises:
         MismatchError: naming the first that is not so.
     """
-    for key in _SAME:
-        found, wanted = getattr(header, key), getattr(policy.header, key)
-        if found != wanted:
+    pairs = {key: (getattr(header, key), getattr(policy.header, key)) for key in _SAME}
+    if "object" in policy.training.observation.low_dim:
+        pairs["object"] = (object_of(header), object_of(policy.header))
+    for key, (found, wanted) in pairs.items():
+        if found != wanted and not (key == "render" and wanted is None):  # older files do not say what was measured
             raise MismatchError(
                 f"{data}: its {key} is {found!r}, that of {policy.path} is {wanted!r}; "
                 "give the data set that the policy was trained on, or a copy of it with rewards"

@@ -94,7 +94,7 @@ def hint_use(policy: Policy, demos: Demonstrations, name: str) -> HintUse:
         DatasetError: there is no such demonstration, or it lacks an observation.
     """
     hint = check_fits(policy, demos)
-    samples = load_samples(demos, [name], policy.training)
+    samples = load_samples(demos, [name], policy.training, policy.header.action_range)
     sequence = policy.training.sequence
     seen, _ = samples.batch(np.arange(0, len(samples), sequence or 1), policy.training, torch.device("cpu"), None)
     with torch.inference_mode():

@@ -17,6 +17,7 @@ from ocplanner.errors import MismatchError, ModelFileError, ShapeError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.files.storage import atomic_write
+from ocplanner.policies.action_range import unscaled
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
 from ocplanner.policies.network import PolicyNetwork, make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
@@ -91,7 +92,7 @@ class Policy:
         self._generator = torch.Generator().manual_seed(seed)
 
     def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Draw actions, clipped to [-1, 1].
+        """Draw actions, clipped to [-1, 1], or to the range of the recorded ones where those are in other units.
 
         Args:
             observation: for each of ``observation_keys`` an array (B, d), or (B, h, w, 3) uint8 for a camera.
@@ -106,7 +107,7 @@ class Policy:
         seen = self._tensors(observation)
         with torch.inference_mode():
             actions, self._memory = self.network.act(seen, self._memory, self._generator)
-        return actions.clamp(-1, 1).numpy()
+        return unscaled(actions.clamp(-1, 1).numpy(), self.header.action_range)
 
     def _tensors(self, observation: Mapping[str, np.ndarray]) -> Observation:
         missing = [key for key in self.observation_keys if key not in observation]

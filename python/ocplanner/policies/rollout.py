@@ -1,16 +1,17 @@
 """One episode of a policy."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from ocplanner.control.grasp_detection import GraspDetector
-from ocplanner.demos.layouts import Order
 from ocplanner.demos.recorded_observation import recorded_observation
 from ocplanner.envs.environment import ManipulationEnv
 from ocplanner.errors import MismatchError
+from ocplanner.files.records.labels import ActionScale
 from ocplanner.guidance.live_hint import LiveHint
 from ocplanner.policies.config import HINT_KEY
+from ocplanner.policies.evaluable import check_evaluable, object_of
 from ocplanner.policies.policy import Policy
 
 _SCALE_POSITION, _SCALE_ROTATION = 0.05, 0.5
@@ -45,27 +46,18 @@ class PolicyRollout:
     """
 
     def __init__(self, env: ManipulationEnv, policy: Policy, hint: LiveHint | None = None) -> None:
-        header = policy.header
-        if header.action_frame is None or header.action_scale is None:
-            raise MismatchError(
-                f"{policy.path}: its actions are no OSC_POSE deltas of one arm, so they cannot be carried out here"
-            )
         if policy.training.reads_hints and hint is None:
             raise MismatchError(f"{policy.path} reads hints: give the planner that its data set was labelled with")
+        check_evaluable(policy)
+        header = policy.header
         self.env, self.policy, self.hint = env, policy, hint
         self._world = header.action_frame == "world"
         reads = policy.training.network.hint
         self._plan_instead = reads is not None and reads.instead_of_pictures
         self._blank = np.zeros((env.image_size, env.image_size, 3), np.uint8)
-        scale = header.action_scale
+        scale = cast(ActionScale, header.action_scale)  # what has none cannot be evaluated
         self._scale = (scale.position / _SCALE_POSITION, scale.rotation / _SCALE_ROTATION)
-        self._order: Order | None = header.object_layout
-        known = (*recorded_observation(env, self._order), HINT_KEY, *(f"{camera}_image" for camera in env.cameras))
-        missing = [key for key in policy.observation_keys if key not in known]
-        if missing:
-            raise MismatchError(
-                f"{policy.path} reads {', '.join(missing)}, which cannot be had live; there are: {', '.join(known)}"
-            )
+        self._object = object_of(header) if "object" in policy.training.observation.low_dim else None
 
     def play(self, seed: int, horizon: int | None = None) -> Outcome:
         """Run one episode until the task is solved, as robomimic does, or the horizon is reached.
@@ -91,7 +83,7 @@ class PolicyRollout:
 
     def _observation(self, held: bool) -> dict[str, np.ndarray]:
         env = self.env
-        found = recorded_observation(env, self._order)
+        found = recorded_observation(env, self._object)
         unseen = held and self._plan_instead
         pictures = dict.fromkeys(env.cameras, self._blank) if unseen else env.observe()
         if self.hint is not None:

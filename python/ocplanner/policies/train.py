@@ -18,15 +18,27 @@ import torch
 from lightning_fabric import Fabric
 from torch.multiprocessing.spawn import ProcessException
 
-from ocplanner.demos.action_frame import ActionFrame
+from ocplanner.demos.action_frame import ActionFrame, check_deltas
+from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.object_sensors import OBJECT_SENSORS, object_order, sensors_of
+from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
-from ocplanner.errors import InvalidValueError, MismatchError, OcplannerError, TrainingError
+from ocplanner.errors import (
+    DatasetError,
+    InvalidValueError,
+    MismatchError,
+    OcplannerError,
+    RenderingError,
+    TrainingError,
+)
 from ocplanner.files.records.labels import ActionScale, FrameName
 from ocplanner.files.records.metrics import POLICY_STAGE, RunConfig, StepMetrics
 from ocplanner.files.records.policy import PolicyHeader
-from ocplanner.files.storage import locked
+from ocplanner.files.records.render import RenderRecord
+from ocplanner.files.storage import locked, natural_key
+from ocplanner.policies.action_range import ActionRange, range_of
 from ocplanner.policies.action_samplers import TrainedPolicy
 from ocplanner.policies.algorithms import find_algorithm
 from ocplanner.policies.bcq import encoded
@@ -34,6 +46,7 @@ from ocplanner.policies.bcq_config import BCQConfig
 from ocplanner.policies.bcq_network import BCQ
 from ocplanner.policies.config import POLICY_FILE, PolicyTraining
 from ocplanner.policies.data import Samples, check_demonstration, hint_horizons, load_samples
+from ocplanner.policies.evaluable import ACTIONS_FAULT, Obstacle, obstacles
 from ocplanner.policies.frozen_sampler import check_recorded
 from ocplanner.policies.learner import Learner
 from ocplanner.policies.network import make_network
@@ -59,12 +72,14 @@ class Recorded(NamedTuple):
         train: training steps.
         valid: held-out steps, or None.
         header: of the policies that will be trained on them, at step 0.
+        warnings: what the user should know before the training.
     """
 
     config: PolicyTraining
     train: Samples
     valid: Samples | None
     header: PolicyHeader
+    warnings: tuple[str, ...] = ()
 
 
 def train_policy(
@@ -143,6 +158,8 @@ def _process(
         recorded = read(config, data, reading)
         if proposing is not None:
             check_recorded(proposing, recorded.header, data)
+        for warning in recorded.warnings:
+            TrainingProgress(shown=fabric.global_rank == 0).say(f"warning: {warning}")
         folder = RunFolder(run)
         with ExitStack() as held:
             refused = _claim(held, folder, recorded) if fabric.global_rank == 0 else None
@@ -179,22 +196,27 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
         if hint is not None:
             hint = replace(hint, horizons=hint_horizons(demos, hint.horizons))
             config = replace(config, network=replace(config.network, hint=hint))
-        names = list(demos.names) if config.mask is None else demos.mask(config.mask)
-        names = sound_names(demos, names, partial(check_demonstration, demos=demos, config=config), _say)
-        train = _load(demos, names, config)
-        held_out = sorted(set(demos.mask("valid")) - set(names)) if "valid" in demos.mask_names else []
-        if held_out:
-            held_out = sound_names(demos, held_out, partial(check_demonstration, demos=demos, config=config), _say)
-        valid = _load(demos, held_out, config) if held_out else None
-        frame, scale = _actions(demos)
+        check = partial(check_demonstration, demos=demos, config=config)
+        names, held_out = (sound_names(demos, part, check, _say) if part else part for part in _parts(demos, config))
+        check_deltas(demos)
+        frame, scale, actions_fault = _actions(demos)
+        ranges = None if frame is not None else range_of([demos[name].actions for name in names])
+        train = _load(demos, names, config, ranges)
+        valid = _load(demos, held_out, config, ranges) if held_out else None
+        known = "object" in config.observation.low_dim and demos.env_name in OBJECT_SENSORS
+        order = object_order(demos, names[0]) if known else None
+        render, warnings = _drawn(demos, names, config)
         header = PolicyHeader(
             task=demos.task_name,
-            environment=demos.env_name,
+            environment=demos.env_name or None,
             robots=tuple(demos.robots),
-            object_layout=demos[names[0]].object_layout(),
+            object_layout=order,
+            object_sensors=None if order is None else sensors_of(demos.env_name, order),
             action_frame=frame,
             action_scale=scale,
-            render=demos.render_record,
+            action_range=ranges,
+            control_freq=control_frequency(demos, names[0]),
+            render=render,
             labels=demos.label_record if config.reads_hints else None,
             rewards=demos.label_record if find_algorithm(config.algorithm).rewards else None,
             low_dim=train.low_dim.shape[1],
@@ -206,27 +228,84 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
             data=train.digest(),
             versions=installed(),
         )
-        return Recorded(config, train, valid, header)
+        warnings += _refused(obstacles(header, config), demos, actions_fault)
+        return Recorded(config, train, valid, header, tuple(warnings))
 
 
 def _say(line: str) -> None:
     TrainingProgress().say(line)
 
 
-def _load(demos: Demonstrations, names: list[str], config: PolicyTraining) -> Samples:
-    samples = load_samples(demos, names, config)
+def _load(demos: Demonstrations, names: list[str], config: PolicyTraining, ranges: ActionRange | None) -> Samples:
+    samples = load_samples(demos, names, config, ranges)
     if not find_algorithm(config.algorithm).rewards:
         return samples
     return replace(samples, transitions=load_transitions(demos, names, config))
 
 
-def _actions(demos: Demonstrations) -> tuple[FrameName, ActionScale] | tuple[None, None]:
-    """Frame and scale of the actions, None where they are no end-effector deltas of one arm."""
+def _actions(demos: Demonstrations) -> tuple[FrameName, ActionScale, None] | tuple[None, None, str]:
+    """Frame and scale of the actions; None and the reason where they are no end-effector deltas of one arm."""
     try:
         with ActionFrame(demos) as frame:
-            return frame.name, frame.scale
-    except MismatchError:
-        return None, None
+            return frame.name, frame.scale, None
+    except MismatchError as error:
+        return None, None, str(error).partition(";")[0]
+
+
+def _parts(demos: Demonstrations, config: PolicyTraining) -> tuple[list[str], list[str]]:
+    """The demonstrations to train on, and those held out; none are if it trains on all of them."""
+    if config.mask is None:
+        return list(demos.names), []
+    if not demos.mask_names:
+        raise DatasetError(f"{demos.path} has no masks: train on every demonstration (--mask all)")
+    names = demos.mask(config.mask)
+    held_out = demos.mask("valid") if "valid" in demos.mask_names else []
+    both = sorted({*names} & {*held_out}, key=natural_key)
+    if both:
+        raise DatasetError(
+            f"{demos.path}: mask/{config.mask} and mask/valid share {', '.join(both[:3])}: losses on mask/valid would "
+            "not be held-out ones; mend the masks, or train on every demonstration without them (--mask all)"
+        )
+    return names, held_out
+
+
+def _drawn(demos: Demonstrations, names: list[str], config: PolicyTraining) -> tuple[RenderRecord | None, list[str]]:
+    """How the pictures that are learned from were drawn, as far as the file says or they show, and warnings."""
+    cameras, rendered = config.observation.cameras, demos.render_record
+    if not cameras:
+        return rendered, []
+    try:
+        visual = measured_visual(demos, cameras, names)
+    except RenderingError as error:
+        return rendered, [f"the pictures were not compared with the simulated scene: {error}"]
+    if rendered is not None and rendered.visual is not None:
+        return rendered, []
+    if visual is not None:
+        return replace(rendered or RenderRecord(), visual=visual), []
+    return rendered, [
+        "with which visual preset the pictures were drawn is neither on record nor to be seen: `ocplanner evaluate` "
+        "will ask for it (--visual)"
+    ]
+
+
+def _refused(found: list[Obstacle], demos: Demonstrations, actions_fault: str | None) -> list[str]:
+    """A warning of what ``ocplanner evaluate`` will refuse, where no setting can mend it.
+
+    Raises:
+        MismatchError: other settings can mend all that it would refuse.
+    """
+    if not found:
+        return []
+    if all(obstacle.chosen for obstacle in found):
+        raise MismatchError(f"{demos.path}: `ocplanner evaluate` would refuse the policy: {_joined(found)}")
+    if actions_fault is not None:
+        own = actions_fault.removeprefix(f"{demos.path}: ")
+        found = [one._replace(fault=own) if one.fault == ACTIONS_FAULT else one for one in found]
+    return [f"`ocplanner evaluate` will refuse this policy: {_joined(found)}"]
+
+
+def _joined(found: list[Obstacle]) -> str:
+    return ". Also: ".join(map(str, found))
 
 
 def _proposing(config: PolicyTraining, sampler: Path | None) -> Policy | None:

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class EvaluationSettings:
     """Seed of the first episode; the others follow."""
     horizon: int | None = None
     """Control steps of an episode instead of the task's."""
+    visual: Literal["fast", "stock"] | None = None
+    """How pictures are drawn, for a policy whose file does not say how those were that it learned from."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -22,9 +22,15 @@ class PolicyHeader:
         task: our name of the task, such as ``Square``.
         environment: robosuite's name of it; None in files that do not say.
         robots: robots of the demonstrations.
-        object_layout: order of the numbers in ``object``, ``absolute-first`` or ``relative-first``; None if unknown.
+        object_layout: the robosuite that recorded ``object``: up to 1.4.1 (``absolute-first``) or from 1.5
+            (``relative-first``); None if the policy does not read it, or in some files that do not say.
+        object_sensors: the sensors that ``object`` consists of, see :mod:`ocplanner.demos.object_sensors`; None if the
+            policy does not read it, and in files that do not say: then ``object_layout`` counts.
         action_frame: frame of the recorded actions; None where they are no end-effector deltas of one arm.
         action_scale: their scale; None without a frame.
+        action_range: (least, most) of each number of the recorded actions, where a policy learns them scaled to
+            [-1, 1]; None where it learns them as they are.
+        control_freq: control steps a second of the recording, Hz; 20 in files that do not say.
         render: how the images were drawn; None if the data set does not say.
         labels: how the hints were made, if the policy reads any and ``ocplanner label`` made them.
         rewards: how the rewards were made, if the policy learned from any and ``ocplanner label`` made them.
@@ -43,8 +49,11 @@ class PolicyHeader:
     environment: str | None = None
     robots: tuple[str, ...]
     object_layout: Literal["absolute-first", "relative-first"] | None
+    object_sensors: tuple[str, ...] | None = None
     action_frame: FrameName | None
     action_scale: ActionScale | None
+    action_range: tuple[tuple[float, float], ...] | None = None
+    control_freq: float = 20.0
     render: RenderRecord | None
     labels: LabelRecord | None
     rewards: LabelRecord | None = None
@@ -59,7 +68,11 @@ class PolicyHeader:
     exported_from: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that frame and scale of the actions belong together."""
+        """Check the numbers, and that frame and scale of the actions belong together."""
+        require(0 < self.control_freq < float("inf"), f"control_freq is {self.control_freq!r}, expected Hz above 0")
+        ranges = self.action_range
+        fits = ranges is None or (len(ranges) == self.actions and all(least < most for least, most in ranges))
+        require(fits, f"action_range {ranges} does not give least < most for each of {self.actions} numbers")
         scaled = (self.action_frame is None) == (self.action_scale is None)
         require(scaled, f"action_frame is {self.action_frame!r}, but action_scale is {self.action_scale!r}")
 

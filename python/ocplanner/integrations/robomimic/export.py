@@ -59,6 +59,8 @@ def export_policy(checkpoint: Path, out: Path, data: Path | None = None) -> Path
     training = replace(given.training, observation=replace(seen, low_dim=order))
     recorded = read(training, data)
     header = recorded.header
+    if header.action_range is not None:
+        raise MismatchError(f"{data}: actions outside [-1, 1], which robomimic does not learn from; give its data set")
     actor = cast(Actor, make_network(training, header.low_dim, header.actions))
     # Everything else must come from the checkpoint: loading is strict.
     state = {"encoder.mean": actor.encoder.mean, "encoder.std": actor.encoder.std}
