@@ -137,8 +137,12 @@ def test_next_observations_that_do_not_fit_are_refused(changed, small):
 
     with pytest.raises(DatasetError, match=r"demo_0/next_obs/object: expected finite numbers of shape \(90, 14\)"):
         with_transitions(changed(add), small("bcq"), NAMES)
+
+    def without_rewards(demo):  # which states could give
+        del demo["rewards"], demo["states"]
+
     with pytest.raises(DatasetError, match="rewards"):
-        with_transitions(changed(lambda demo: (demo.pop("rewards"), demo.pop("states"))), small("bcq"), NAMES)
+        with_transitions(changed(without_rewards), small("bcq"), NAMES)
 
 
 def test_the_digest_follows_what_comes_after(changed, tiny_square, small):
@@ -160,11 +164,12 @@ def put(key, place, value):
         (lambda demo: None, {"hint": (1,)}, "obs/ocp_hint: no hints in this data set; .*ocplanner label"),
         (add_hint, {"hint": (1, 5)}, "7 numbers a step, expected 13"),
         (put("obs/object", (4, 2), np.nan), {}, "demo_0/obs/object: not finite at step 4"),
-        (lambda demo: None, {"cameras": ("agentview",)}, "no images of camera 'agentview'"),
+        (put("obs/agentview_image", 4, 0), {"cameras": ("agentview",)}, "1 of 90 pictures are black, from step 4 on"),
+        (lambda demo: demo.pop("obs/agentview_image"), {"cameras": ("agentview",)}, "no images of camera 'agentview'"),
     ],
 )
 def test_unusable_data_is_named(changed, small, edit, settings, message):
-    with Demonstrations(changed(edit)) as demos, pytest.raises(DatasetError, match=message):
+    with Demonstrations(changed(edit, images=True)) as demos, pytest.raises(DatasetError, match=message):
         load_samples(demos, NAMES, small(**settings))
 
 
