@@ -53,6 +53,10 @@ def test_a_folder_that_is_a_lerobot_data_set_already_is_told(tmp_path, capsys):
     (tmp_path / "data/meta").mkdir(parents=True)
     (tmp_path / "data/meta/info.json").write_text("{}")
     assert main(["convert", str(tmp_path / "data"), str(tmp_path / "o"), "--to", "lerobot"]) == 2
-    assert "is a LeRobot data set already; leave out --to lerobot" in capsys.readouterr().err
+    assert "is a folder, not an HDF5 file; leave out --to lerobot" in capsys.readouterr().err
     assert main(["convert", str(tmp_path / "data"), str(tmp_path / "o.hdf5")]) == 2
     assert "info.json cannot be read (KeyError('total_episodes'))" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path), str(tmp_path / "o.hdf5")]) == 2
+    assert "no LeRobot data set (no meta/info.json); give the folder of one" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "none.hdf5"), str(tmp_path / "o.hdf5")]) == 2
+    assert "no such file" in capsys.readouterr().err

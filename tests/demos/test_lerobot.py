@@ -261,11 +261,16 @@ def test_settings_are_checked(source, tiny_square, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_frequency_must_be_known(source, tmp_path):
+def test_the_frequency_is_recorded_or_measured_or_given(source, tmp_path):
     path = shutil.copy(source, tmp_path / "unknown.hdf5")
     with h5py.File(path, "r+") as file:
         env_args = json.loads(file["data"].attrs["env_args"])
         del env_args["env_kwargs"]["control_freq"]
         file["data"].attrs["env_args"] = json.dumps(env_args)
+    with pytest.raises(MismatchError, match="recorded at 20 Hz, not 5"):  # the times of the states say so
+        to_lerobot(path, tmp_path / "square", LeRobotSettings(fps=5), python=Path(sys.executable))
+    with h5py.File(path, "r+") as file:
+        for demo in file["data"].values():
+            del demo["states"]
     with pytest.raises(InvalidValueError, match="does not say how many steps a second has; give it: --fps"):
         to_lerobot(path, tmp_path / "square", python=Path(sys.executable))

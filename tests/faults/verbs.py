@@ -87,6 +87,10 @@ def _render(inputs: dict[str, Path], out: Path) -> list[str]:
     return [str(inputs["collected"]), str(out), *flags]
 
 
+def _convert(inputs: dict[str, Path], out: Path) -> list[str]:
+    return [str(inputs["collected"]), str(out), "--next-obs"]
+
+
 def _label(inputs: dict[str, Path], out: Path) -> list[str]:
     return [str(inputs["rendered"]), str(out), "--planner", str(inputs["planner"]), "--reward", "augment"]
 
@@ -125,6 +129,7 @@ _FITTING = ("ocplanner.planner.train", "ocplanner.report.page")
 
 COLLECT = Verb("collect", "out.hdf5", _collect, modules=("ocplanner.collection.collect",))
 RENDER = Verb("render", "out.hdf5", _render, ("collected",), modules=("ocplanner.collection.render",))
+CONVERT = Verb("convert", "out.hdf5", _convert, ("collected",), modules=("ocplanner.demos.convert",))
 LABEL = Verb("label", "out.hdf5", _label, ("rendered", "planner"), modules=("ocplanner.guidance", _PLANNING))
 TRAIN_PLANNER = Verb("train-planner", "run/report.html", _train_planner, ("rendered",), modules=_FITTING)
 TRAIN_POLICY = Verb(
@@ -141,7 +146,7 @@ MATRIX = Verb(
 )
 EVALUATE = Verb("evaluate", "out.json", _evaluate, ("policy",), modules=_EVALUATING)
 
-WRITERS = (TRAIN_POLICY, LABEL, TRAIN_PLANNER, COLLECT, TRANSFER, RENDER, MATRIX)
-HDF5_READERS = (Verb("info", None, _info, ("rendered",)), LABEL, TRAIN_PLANNER, TRAIN_POLICY, RENDER)
+WRITERS = (TRAIN_POLICY, LABEL, TRAIN_PLANNER, COLLECT, TRANSFER, RENDER, CONVERT, MATRIX)
+HDF5_READERS = (Verb("info", None, _info, ("rendered",)), LABEL, TRAIN_PLANNER, TRAIN_POLICY, RENDER, CONVERT)
 PLANNER_READERS = (Verb("info", None, _info, ("planner",)), LABEL, TRANSFER)
 POLICY_READERS = (Verb("info", None, _info, ("policy",)), EVALUATE)

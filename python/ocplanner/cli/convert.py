@@ -45,10 +45,10 @@ class Convert:
         """Convert with a progress bar."""
         from ocplanner.demos.convert import convert_dataset
         from ocplanner.demos.dataset import Demonstrations
-        from ocplanner.demos.lerobot import episodes, from_lerobot, is_lerobot, to_lerobot
+        from ocplanner.demos.lerobot import episodes, from_lerobot, to_lerobot
 
-        reads, writes = is_lerobot(self.source), self.to == "lerobot"
-        require(not (reads and writes), f"{self.source} is a LeRobot data set already; leave out --to lerobot")
+        reads, writes = self.source.is_dir(), self.to == "lerobot"
+        require(not (reads and writes), f"{self.source} is a folder, not an HDF5 file; leave out --to lerobot")
         require(writes or self.lerobot == DEFAULT_LEROBOT, f"only --to lerobot has {_flags(self.lerobot)}")
         require(reads or writes or self.lerobot_python is None, "--lerobot-python is of no use from HDF5 to HDF5")
         require(not reads or self.reading == DEFAULT_READING, "--skip-bad and --keys are of no use from LeRobot")

@@ -110,8 +110,10 @@ def episodes(path: str | Path) -> int:
     """How many episodes a LeRobot data set has.
 
     Raises:
-        DatasetError: its description cannot be read.
+        DatasetError: it is none, or its description cannot be read.
     """
+    if not is_lerobot(path):
+        raise DatasetError(f"{path}: no LeRobot data set (no {INFO}); give the folder of one")
     try:
         return int(json.loads((Path(path) / INFO).read_text(encoding="utf-8"))["total_episodes"])
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -318,8 +320,7 @@ def from_lerobot(
     """
     source, target = Path(source), Path(target)
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
-    if not is_lerobot(source):
-        raise DatasetError(f"{source}: no LeRobot data set (no {INFO}); give the folder of one")
+    episodes(source)
     with LeRobotProcess(python, DatasetError, source, _WHOLE) as lerobot, contextlib.ExitStack() as opened:
         found = lerobot.ask("open", root=str(source))
         ours = _read_ours(source, found["steps"])
@@ -451,8 +452,11 @@ def _action_names(width: int) -> list[str]:
 
 
 def _frequency(demos: Demonstrations, given: int | None) -> int:
+    """Steps per second: the recording's word, else the times of its states, else what is given."""
     kwargs = demos.env_args.get("env_kwargs")
     recorded = kwargs.get("control_freq") if isinstance(kwargs, dict) else demos.attrs.get("fps")
+    if recorded is None and demos.kind != "other" and "states" in demos[0].array_paths:
+        recorded = round(1 / float(np.median(np.diff(demos[0].states[:, 0]))), 3)
     if recorded is None:
         require(given is not None, f"{demos.path} does not say how many steps a second has; give it: --fps")
         return int(given or 0)
