@@ -258,24 +258,27 @@ def test_a_real_robots_file_keeps_what_it_holds(tmp_path):
         assert demos[0].actions.max() == 1.5
 
 
-def test_robomimic_loads_and_samples_the_file(tiny_square, tmp_path):
+@pytest.mark.parametrize("bare", [False, True])
+def test_robomimic_loads_and_samples_the_file(tiny_square, tmp_path, bare):
     dataset = pytest.importorskip("robomimic.utils.dataset")
     obs_utils = pytest.importorskip("robomimic.utils.obs_utils")
-    path = convert_dataset(tiny_square("1.4.1", images=True), tmp_path / "o.hdf5", ConvertSettings(next_obs=True))
-    keys = {"low_dim": ["robot0_eef_pos", "object"], "rgb": ["agentview_image"]}
+    source = tiny_square("1.4.1", images=True)
+    source = stripped(source, tmp_path / "bare.hdf5", raw=True) if bare else source
+    path = convert_dataset(source, tmp_path / "o.hdf5", ConvertSettings(next_obs=True))
+    keys = {"low_dim": ["robot0_eef_pos", "object"], "rgb": [] if bare else ["agentview_image"]}
     obs_utils.initialize_obs_utils_with_obs_specs({"obs": keys})
     sequences = dataset.SequenceDataset(
         hdf5_path=str(path),
-        obs_keys=("robot0_eef_pos", "object", "agentview_image"),
+        obs_keys=[*keys["low_dim"], *keys["rgb"]],
         action_keys=("actions",),
         dataset_keys=("actions", "rewards", "dones"),
         action_config={"actions": {"normalization": None}},
         load_next_obs=True,
-        filter_by_attribute="train",
+        filter_by_attribute=None if bare else "train",
         hdf5_cache_mode=None,
     )
     try:
-        assert len(sequences) == 3 * 90
+        assert len(sequences) == (2 if bare else 3) * 90
         item = sequences[5]
         with Demonstrations(path) as demos:
             assert np.allclose(item["actions"][0], demos["demo_0"].actions[5])

@@ -59,6 +59,7 @@ INFO = Path("meta") / "info.json"
 """What every LeRobot data set has."""
 
 _OURS = Path("meta") / "ocplanner.json.gz"
+_KEPT = {"env_args", "attrs", "names", "steps", "attributes", "masks", "paths", "flat"}
 _STATE, _ENVIRONMENT, _IMAGES = "observation.state", "observation.environment_state", "observation.images."
 _REWARD, _DONE = "next.reward", "next.done"
 _EXTRA, _NEXT = "hdf5.", "next_obs/"
@@ -513,8 +514,11 @@ def _read_ours(source: Path, steps: Sequence[int]) -> dict[str, Any]:
     remedy = f"remove {_OURS} to convert it without the names and the environment that it keeps"
     try:
         kept = json.loads(gzip.decompress((source / _OURS).read_bytes()))
+        missing = _KEPT - kept.keys()
+        if missing:
+            raise ValueError(f"no {', '.join(sorted(missing))}")
         same = list(kept["steps"]) == list(steps)
-    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, ValueError, AttributeError, TypeError) as error:
         raise DatasetError(f"{source / _OURS} is damaged ({error}); {remedy}") from error
     if not same:
         raise DatasetError(f"{source}: its episodes were changed since it was written from HDF5; {remedy}")

@@ -9,13 +9,14 @@ standard input, answers go as lines of JSON to standard output, and arrays pass 
 import json
 import os
 import sys
+from textwrap import shorten
 from typing import Any, TextIO
 
 import numpy as np
 
 _PICTURES = ("image", "video")
 _COLOURS = 3
-_LONGEST = 300
+_LONGEST = 200
 _BOOKKEEPING = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
 
@@ -100,8 +101,7 @@ def _serve(requests: TextIO, answers: TextIO) -> None:
             side = side or _Side()
             answer = getattr(side, request.pop("do"))(**request) or {}
         except Exception as error:  # lerobot and what it uses raise whatever they like; the caller reports it
-            said = " ".join(str(error).split())
-            answer = {"error": f"{type(error).__name__}: {said[:_LONGEST]}"}
+            answer = {"error": shorten(f"{type(error).__name__}: {error}", _LONGEST, placeholder=" ...")}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
 
