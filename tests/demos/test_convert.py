@@ -207,6 +207,21 @@ def test_a_stopped_conversion_continues(tiny_square, tmp_path, monkeypatch):
         convert_dataset(tiny_square(), path, ConvertSettings(next_obs=True))
 
 
+def test_another_source_of_the_same_name_does_not_continue_a_stopped_conversion(tiny_square, tmp_path):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+        shutil.copy(tiny_square(), tmp_path / folder / "source.hdf5")
+    with h5py.File(tmp_path / "other/source.hdf5", "r+") as file:
+        file["data/demo_0/actions"][3, 0] = 0.5
+    with pytest.raises(KeyboardInterrupt):
+        convert_dataset(tmp_path / "one/source.hdf5", tmp_path / "o.hdf5", progress=stop)
+    with pytest.raises(OutputError, match="another demo_0 than the source's now"):
+        convert_dataset(tmp_path / "other/source.hdf5", tmp_path / "o.hdf5")
+
+
 def stripped(source: Path, target: Path, *, raw: bool) -> Path:
     """States and actions alone, in robomimic's layout or as robosuite's own recorder writes them."""
     with h5py.File(source) as file, h5py.File(target, "w") as copy:

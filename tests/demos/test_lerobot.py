@@ -183,7 +183,7 @@ def test_only_a_lerobot_data_set_is_replaced(source, lossless, python, tmp_path)
     shutil.copytree(lossless, tmp_path / "old")
     to_lerobot(source, tmp_path / "old", LeRobotSettings(images="png"), python=python, overwrite=True, limit=1)
     assert json.loads((tmp_path / "old/meta/info.json").read_text())["total_episodes"] == 1
-    with pytest.raises(OutputError, match="is or holds the source"):
+    with pytest.raises(OutputError, match=r"holds .*source.hdf5, which is read"):
         to_lerobot(source, source.parent, python=python, overwrite=True)
 
 

@@ -17,10 +17,11 @@ from ocplanner.demos.layouts import TASK_OBJECTS, order_from_version
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
-from ocplanner.errors import DatasetError, MismatchError, OutputError
+from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
+from ocplanner.files.storage import check_output
 from ocplanner.settings import require
 from ocplanner.versions import installed
 
@@ -168,11 +169,12 @@ def convert_dataset(
         InvalidValueError: ``limit`` is not positive.
         DatasetError: the source, or some of its demonstrations, cannot be read.
         MismatchError: what is to be mended is not there.
-        OutputError: the target exists, is the source, cannot be written, or was begun with other settings.
+        OutputError: the target exists, is the source, cannot be written, or was begun with other settings or from
+            another source.
     """
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
-    if Path(source).resolve() == Path(target).resolve():
-        raise OutputError(f"{target} is the source itself; choose another output")
+    reads = [source, reading.keys]
+    check_output(Path(target), overwrite, "HDF5 data set", reads, resumed=True)
     with Demonstrations(source, reading=reading) as demos:
         converter = Converter(demos, conversion)
         masks = {mask: demos.mask(mask) for mask in demos.mask_names}
@@ -180,12 +182,12 @@ def convert_dataset(
         masks = {mask: [name for name in listed if name in names] for mask, listed in masks.items()}
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[CONVERT_ATTRIBUTE] = converter.record().to_json()
-        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite) as writer:
-            done = set(writer.done)
+        with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite, reads=reads) as writer:
+            done = {name for name in writer.done if name in names and writer.holds(name, demos[name].digest())}
             for name in sorted(names, key=lambda name: name not in done):
                 demo = demos[name]
                 if name not in done:
-                    writer.add(name, converter.arrays(demo), written_attributes(demo))
+                    writer.add(name, converter.arrays(demo), written_attributes(demo), demo.digest())
                 if progress:
                     progress(name, demo.length)
             path = writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)

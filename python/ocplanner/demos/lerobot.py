@@ -49,7 +49,7 @@ from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, OcplannerError, OutputError, VersionError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
-from ocplanner.files.storage import locked, writing
+from ocplanner.files.storage import check_folder, check_output, locked, writing
 from ocplanner.settings import require, require_choice
 from ocplanner.versions import installed
 
@@ -236,7 +236,7 @@ def to_lerobot(
     target = Path(target)
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
     require(not conversion.next_obs, "LeRobot data sets have no next_obs: leave out --next-obs")
-    _check_folder(target, Path(source), overwrite)
+    _check_target(target, [source, reading.keys], overwrite)
     with Demonstrations(source, reading=reading) as demos, locked(target):
         converter, fps = Converter(demos, conversion), _frequency(demos, settings.fps)
         masks = {mask: demos.mask(mask) for mask in demos.mask_names}
@@ -322,6 +322,7 @@ def from_lerobot(
     source, target = Path(source), Path(target)
     require(limit is None or limit >= 1, f"limit is {limit}, but must be at least 1")
     episodes(source)
+    check_output(target, overwrite, "HDF5 data set", [source], resumed=True)
     with LeRobotProcess(python, DatasetError, source, _WHOLE) as lerobot, contextlib.ExitStack() as opened:
         found = lerobot.ask("open", root=str(source))
         ours = _read_ours(source, found["steps"])
@@ -331,10 +332,11 @@ def from_lerobot(
             raise MismatchError(f"{source} holds no images to turn; leave out --flip-images")
         attrs = ours.get("attrs", {"fps": found["fps"], "robot_type": found["robot_type"] or "unknown"})
         attrs[CONVERT_ATTRIBUTE] = ConvertRecord(source.name, **asdict(conversion), versions=installed()).to_json()
-        attrs["lerobot_sha256"] = _identity(source)
         writer = opened.enter_context(DatasetWriter(target, ours["env_args"], data_attrs=attrs, overwrite=overwrite))
+        identity = _identity(source)
         exchange = Path(opened.enter_context(tempfile.TemporaryDirectory())) / "episode.npz"
-        done = set(writer.done)
+        digests = {name: f"{identity} {number}" for number, name in enumerate(ours["names"])}
+        done = {name for name in writer.done if name in names and writer.holds(name, digests[name])}
         for name in sorted(names, key=lambda name: name not in done):
             number = ours["names"].index(name)
             if name not in done:
@@ -342,7 +344,7 @@ def from_lerobot(
                 with np.load(exchange) as file:
                     arrays = _unpack(file, found["features"], paths, ours["flat"])
                 attributes = ours["attributes"][number] if "attributes" in ours else {"task": "; ".join(tasks)}
-                writer.add(name, mended(arrays, conversion), attributes)
+                writer.add(name, mended(arrays, conversion), attributes, digests[name])
             if progress:
                 progress(name, found["steps"][number])
         masks = {mask: [name for name in listed if name in names] for mask, listed in ours["masks"].items()}
@@ -468,9 +470,8 @@ def _frequency(demos: Demonstrations, given: int | None) -> int:
     return int(recorded)
 
 
-def _check_folder(target: Path, source: Path, overwrite: bool) -> None:
-    if target.resolve() == source.resolve() or target.resolve() in source.resolve().parents:
-        raise OutputError(f"{target} is or holds the source; choose another output")
+def _check_target(target: Path, reads: Sequence[str | Path | None], overwrite: bool) -> None:
+    check_folder(target, [], str(INFO), reads)
     if not target.exists():
         return
     if not overwrite:
