@@ -1,3 +1,4 @@
+import h5py
 import numpy as np
 
 from ocplanner.collection.collect import collect
@@ -39,3 +40,34 @@ def test_of_a_task_with_several_objects_the_frames_of_each_are_drawn(tmp_path):
     renderer.close()
     np.testing.assert_array_equal(drawn, kept)
     assert np.diff(np.flatnonzero(kept)).max() > 1  # the hand is on its way between the two
+
+
+def test_the_order_of_the_demonstrations_does_not_matter(tiny_square):
+    """Nothing is measured at first sight: a hand that first stands at the object once kept a wrong stroke."""
+    settings = RenderSettings(silhouettes=("IIWA", "Jaco"), silhouette_stride=25, frames="manipulation", size=48)
+    found = []
+    with Demonstrations(tiny_square()) as demos:
+        for names in (("demo_0", "demo_2"), ("demo_2", "demo_0")):
+            renderer = FrameRenderer("Square", "Panda", settings)
+            drawn = {name: renderer.render(demos[name]) for name in names}
+            renderer.close()
+            found.append(drawn["demo_0"])
+    for path, array in found[0].items():
+        np.testing.assert_array_equal(found[1][path], array)
+    assert found[0]["obs/agentview_silhouettes"].any()
+
+
+def test_objects_are_drawn_in_the_recorded_size(tmp_path):
+    path = collect(tmp_path / "lift.hdf5", CollectSettings("Lift", episodes=1, noise=0.0)).path
+    areas = []
+    for half in (0.02, 0.04):
+        geom = f'<geom name="cube_g0_vis" type="box" size="{half} {half} {half}"/>'
+        model = f'<body name="cube_main"><joint name="cube_joint0" type="free"/>{geom}</body>'
+        with h5py.File(path, "r+") as file:
+            file["data/demo_0"].attrs["model_file"] = f"<mujoco><worldbody>{model}</worldbody></mujoco>"
+        renderer = FrameRenderer("Lift", "Panda", RenderSettings(observe="no-robot", size=96, silhouettes=()))
+        with Demonstrations(path) as demos:
+            picture = renderer.render(demos[0])["obs/agentview_image"][0].astype(int)
+        renderer.close()
+        areas.append(int((picture[..., 0] > picture[..., 1] + 60).sum()))  # the cube is red
+    assert 3 < areas[1] / areas[0] < 6

@@ -1,10 +1,10 @@
 """``ocplanner info``."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import tyro
@@ -14,7 +14,8 @@ from rich.text import Text
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.errors import DatasetError, ModelFileError, OcplannerError
+from ocplanner.demos.findings import findings
+from ocplanner.errors import DatasetError, ModelFileError, OcplannerError, ResultFileError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.planner.planner import FILE_NAME
 from ocplanner.policies.config import POLICY_FILE
@@ -22,6 +23,11 @@ from ocplanner.settings import to_dict
 
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
+
+_LISTED = ("runs", "cells", "rows", "checkpoints")
+"""What a result file has many of."""
+
+_Value = TypeVar("_Value")
 
 _TRAINED = (FILE_NAME, POLICY_FILE)
 """What a finished training leaves in its run folder."""
@@ -34,7 +40,7 @@ class Info:
     """Describe a data set, planner or policy."""
 
     file: Annotated[Path, tyro.conf.Positional]
-    """robomimic HDF5 data set, a .safetensors file made by ocplanner, or the run folder of a training."""
+    """HDF5 data set, a .safetensors or result file made by ocplanner, or the run folder of a training."""
     json: bool = False
     """Print JSON instead of a table; nothing is left out."""
     all: bool = False
@@ -71,9 +77,11 @@ def describe(path: Path) -> Facts:
         raise DatasetError(f"cannot read {path}: {error.strerror}; give the path of a file") from error
     if start == HDF5_MAGIC:
         return describe_dataset(path)
+    if path.suffix == ".json":
+        return describe_result(path)
     if path.suffix == ".safetensors" or start[4:] == b"\x00\x00\x00\x00":  # a header length below 4 GiB
         return describe_weights(path)
-    raise DatasetError(f"{path}: neither an HDF5 data set nor a .safetensors file (it begins with {start!r})")
+    raise DatasetError(f"{path}: neither an HDF5 data set nor a .safetensors or .json file (it begins with {start!r})")
 
 
 def _trained(folder: Path) -> Path:
@@ -90,16 +98,19 @@ def describe_dataset(path: Path) -> Facts:
         DatasetError: the file is missing, damaged or no robomimic data set.
     """
     with Demonstrations(path) as demos:
-        first = demos[0]
-        lengths = np.array([demo.length for demo in demos])
+        lengths = np.array([length for demo in demos if (length := _of(lambda demo=demo: demo.length))] or [0])
+        first = next((demo for demo in demos if _of(lambda demo=demo: demo.length)), demos[0])
         try:
             layout = first.object_layout() or "none"
         except OcplannerError as error:
             layout = f"unclear: {error}"
         named = [name for name in first.object_names if f"{name}_pos" in first.observation_keys]
-        largest = max(float(np.abs(demo.actions).max(initial=0)) for demo in demos)
+        sizes = (_of(lambda demo=demo: float(np.abs(demo.recorded_actions).max(initial=0))) for demo in demos)
+        largest = max((size for size in sizes if size is not None), default=0.0)
         return {
             "kind": "data set",
+            "recorded by": demos.kind,
+            "findings": findings(demos),
             "task": demos.task_name,
             "environment": demos.env_name,
             "robosuite": demos.env_version,
@@ -111,15 +122,41 @@ def describe_dataset(path: Path) -> Facts:
                 "mean": float(lengths.mean().round(1)),
                 "max": int(lengths.max()),
             },
-            "masks": {mask: len(demos.mask(mask)) for mask in demos.mask_names},
+            "controller": demos.controllers,
+            "masks": {mask: len(set(demos.listed(mask))) for mask in demos.mask_names},
             "object layout": layout,
             "named sensors": named,
             "largest action": largest,
-            "arrays": {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()},
+            "arrays": _of(lambda: {key: f"{array.dtype} {array.shape}" for key, array in first.arrays().items()}),
+            "derived": list(first.derived_keys),
             "cameras": list(demos.cameras),
             "rendered": None if demos.render_record is None else to_dict(demos.render_record),
             "labelled": None if demos.label_record is None else json.loads(demos.label_record.to_json()),
         }
+
+
+def _of(read: Callable[[], _Value]) -> _Value | None:
+    """What can be read; None for what a finding is about."""
+    try:
+        return read()
+    except OcplannerError:
+        return None
+
+
+def describe_result(path: Path) -> Facts:
+    """A result file without its single episodes or rows.
+
+    Raises:
+        ResultFileError: the file is no JSON object.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultFileError(f"{path}: not a readable JSON file ({error}); make it again") from error
+    if not isinstance(found, dict):
+        raise ResultFileError(f"{path}: a JSON {type(found).__name__}, but results are objects; give another file")
+    shown = {key: f"{len(value)} entries" if key in _LISTED else value for key, value in found.items()}
+    return {"kind": "result", **shown}
 
 
 def describe_weights(path: Path) -> Facts:

@@ -1,6 +1,6 @@
 """The frame and scale in which a data set's actions move the end effector (OSC_POSE deltas)."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import is_from_1_5
+from ocplanner.demos.origin import controllers, is_absolute
 from ocplanner.envs import ManipulationEnv, make_env
 from ocplanner.envs.tasks import task_of_env
 from ocplanner.errors import DatasetError, MismatchError, ShapeError
@@ -128,7 +129,7 @@ def are_absolute(actions: np.ndarray, positions: np.ndarray) -> bool:
 
 def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
     kwargs = demos.env_args.get("env_kwargs")
-    found = list(_controllers((kwargs if isinstance(kwargs, dict) else {}).get("controller_configs")))
+    found = list(controllers((kwargs if isinstance(kwargs, dict) else {}).get("controller_configs")))
     arms = [controller for controller in found if controller["type"] == "OSC_POSE"]
     if len(demos.robots) != 1 or len(arms) != 1:
         types = ", ".join(sorted({str(controller["type"]) for controller in found})) or "nothing"
@@ -137,25 +138,12 @@ def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
             "and evaluation need one arm under OSC_POSE; record with that controller, or label rewards only "
             "(--no-hints)"
         )
-    if arms[0].get("input_type", "delta") != "delta" or arms[0].get("control_delta", True) is not True:
+    if is_absolute(arms[0]):
         raise MismatchError(
             f"{demos.path}: absolute actions, but hints and evaluation need deltas; use the data set with delta "
             "actions, or label rewards only (--no-hints)"
         )
     return arms[0]
-
-
-def _controllers(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Every arm's controller in robosuite's description, whose nesting differs between versions."""
-    if isinstance(value, list):
-        for part in value:
-            yield from _controllers(part)
-    elif isinstance(value, dict):
-        if str(value.get("type", "")).startswith(("OSC", "JOINT", "IK")):
-            yield value
-            return
-        for part in value.values():
-            yield from _controllers(part)
 
 
 def _scale(demos: Demonstrations, controller: Mapping[str, Any]) -> ActionScale:

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar, overload
 from ocplanner.demos.demonstration import Demonstration, Recording
 from ocplanner.demos.derived import DerivedObservations
 from ocplanner.demos.layouts import Order
-from ocplanner.demos.origin import Kind, origin_of
+from ocplanner.demos.origin import Kind, controllers, is_absolute, origin_of
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.envs.robots import ROBOTS
@@ -219,9 +219,27 @@ class Demonstrations(Sequence[Demonstration]):
         return kwargs if isinstance(kwargs, dict) else {}
 
     @property
+    def controllers(self) -> list[str]:
+        """Types of the recorded controllers, such as ``OSC_POSE (delta)``; empty if the file does not say."""
+        return [
+            f"{part['type']} ({'absolute' if is_absolute(part) else 'delta'})"
+            for part in controllers(self._env_kwargs().get("controller_configs"))
+        ]
+
+    @property
     def grippers(self) -> object:
         """``gripper_types`` of the recording as stored; None if it does not say."""
         return self._env_kwargs().get("gripper_types")
+
+    def compare_world(self, demo: Demonstration) -> None:
+        """Compare the world that a demonstration was recorded in with the simulated one, if there is one to simulate.
+
+        Raises:
+            DatasetError: the states have another model's size.
+            MismatchError: another arm, gripper or scene was recorded.
+        """
+        if self._derived is not None and demo.has_states:
+            self._derived.compare(demo)
 
     def _deriving(self) -> DerivedObservations | None:
         """What derives observations from states; None if task or robot are not known."""
@@ -236,9 +254,8 @@ class Demonstrations(Sequence[Demonstration]):
 
     def _clips(self) -> bool:
         """Whether a controller clipped the actions to [-1, 1]: robosuite's for deltas do."""
-        controllers = json.dumps(self._env_kwargs().get("controller_configs"))
-        absolute = '"absolute"' in controllers or '"control_delta": false' in controllers
-        return '"OSC_' in controllers and not absolute
+        found = list(controllers(self._env_kwargs().get("controller_configs")))
+        return bool(found) and all(str(part["type"]).startswith("OSC") and not is_absolute(part) for part in found)
 
     def _action_width(self) -> int | None:
         """7 for each arm under OSC_POSE; None if the controller is another one or the file does not say."""

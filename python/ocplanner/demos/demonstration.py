@@ -115,13 +115,14 @@ class Demonstration:
 
         The first state then has the time of one step, not that of the reset.
         """
-        if not self._recording.raw or not self._has_states:
+        if not self._recording.raw or not self.has_states:
             return 0
         times = self._file.read(self._key("states"), slice(0, 2))[:, 0]
         return int(len(times) == 2 and times[0] > (times[1] - times[0]) / 2)
 
     @cached_property
-    def _has_states(self) -> bool:
+    def has_states(self) -> bool:
+        """Whether there is a table of simulator states."""
         key = self._key("states")
         return "states" in self._file.names(f"data/{self.name}") and len(self._file.shape(key)) == _STATE_DIMS
 
@@ -155,7 +156,7 @@ class Demonstration:
         None are if the file has low-dimensional observations of its own.
         """
         derived = self._recording.derived
-        if derived is None or not self._has_states or any(_is_low_dim(key) for key in self.stored_keys):
+        if derived is None or not self.has_states or any(_is_low_dim(key) for key in self.stored_keys):
             return ()
         return derived.keys
 
@@ -269,7 +270,7 @@ class Demonstration:
                 env_version=self._recording.env_version,
                 eef_pos=self._numbers("robot0_eef_pos") if has_eef else None,
                 eef_quat_xyzw=self._numbers("robot0_eef_quat") if has_eef else None,
-                states=self.states if self._has_states else None,
+                states=self.states if self.has_states else None,
                 stated=self._recording.object_layout,
             )
         except ObjectLayoutError as error:
@@ -343,7 +344,7 @@ class Demonstration:
         paths = self._file.arrays(f"data/{self.name}")
         if not self._recording.raw:
             return {path: self._file.read(self._key(path)) for path in paths}
-        own = {"actions": self.actions, "states": self.states if self._has_states else None}
+        own = {"actions": self.actions, "states": self.states if self.has_states else None}
         return {path: array for path in paths if (array := own[path] if path in own else self._read(path)) is not None}
 
     def digest(self) -> str:
@@ -371,7 +372,7 @@ class Demonstration:
 
     def _lacks(self, key: str) -> bool:
         """Whether an array is not stored, but can be derived."""
-        derivable = self._recording.derived is not None and self._has_states
+        derivable = self._recording.derived is not None and self.has_states
         return derivable and key not in self._file.names(f"data/{self.name}")
 
     def _derive(self) -> dict[str, np.ndarray]:

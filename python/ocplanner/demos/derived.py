@@ -64,6 +64,10 @@ class DerivedObservations:
                 self._found.popitem(last=False)
         return self._found[demo.name]
 
+    def compare(self, demo: "Demonstration") -> None:
+        """Compare what was recorded with what is simulated; errors as for :meth:`of`."""
+        self._open().open(demo)
+
     def close(self) -> None:
         """Free the simulation."""
         if self._world is not None:

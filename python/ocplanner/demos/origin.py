@@ -1,7 +1,7 @@
 """Where a file of demonstrations comes from: robomimic, robosuite's own recorder, or a robot that nobody described."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, NamedTuple
 
 from ocplanner.files.hdf5 import HDF5File
@@ -68,3 +68,21 @@ def _object(file: HDF5File, name: str, text: Any) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise file.error(f"{name} of data", f"no object ({type(found).__name__})", _RECORD_AGAIN)
     return found
+
+
+def controllers(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Every arm's controller in robosuite's ``controller_configs``, whose nesting differs between versions."""
+    if isinstance(value, list):
+        for part in value:
+            yield from controllers(part)
+    elif isinstance(value, dict):
+        if str(value.get("type", "")).startswith(("OSC", "JOINT", "IK")):
+            yield value
+            return
+        for part in value.values():
+            yield from controllers(part)
+
+
+def is_absolute(controller: Mapping[str, Any]) -> bool:
+    """Whether a controller's actions are targets rather than deltas."""
+    return controller.get("input_type", "delta") != "delta" or controller.get("control_delta", True) is not True

@@ -9,6 +9,9 @@ from ocplanner.errors import DatasetError, OcplannerError
 Check = Callable[[Demonstration], object]
 """Reads what a verb needs of a demonstration; an error means that it cannot be used."""
 
+HARDLY_HELD = 0.02
+"""Share of the steps: people hold the object in a third of them, and in 7 % where they pause most of the time."""
+
 _SHORTEST = 2
 _NAMED = 12
 

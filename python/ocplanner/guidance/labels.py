@@ -11,6 +11,7 @@ from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.recorded_task import carriers
+from ocplanner.demos.soundness import HARDLY_HELD
 from ocplanner.envs import CONTROL_HZ
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.files.records.labels import LabelledBy, LabelRecord
@@ -22,8 +23,6 @@ from ocplanner.planner.planner import Plan, Planner
 from ocplanner.settings import to_dict
 from ocplanner.versions import installed
 
-_HARDLY = 0.02
-"""Share of steps: people hold the object in a third of them and more."""
 _NOT_OBSERVED = ("_empty", "_mask", "_silhouettes")  # a camera's arrays for augmentation, which no policy sees
 
 
@@ -131,7 +130,7 @@ class Labeller:
         """
         held = sum(int(self._held(demo, demo.object_poses(self._object)).sum()) for demo in demos)
         steps = sum(demo.length for demo in demos)
-        if held < _HARDLY * steps:
+        if held < HARDLY_HELD * steps:
             raise DatasetError(
                 f"{self._pictures.path}: {self._object} is held in {held} of {steps} steps, so that labels would be "
                 "zero nearly everywhere: positive gripper actions must close the gripper (turn them round with "

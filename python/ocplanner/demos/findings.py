@@ -1,0 +1,147 @@
+"""What a user should know about a data set before using it: everything that some verb would refuse or change."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ocplanner.control.grasp_detection import held_steps
+from ocplanner.demos.action_frame import ActionFrame
+from ocplanner.demos.control_frequency import control_frequency
+from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.demonstration import Demonstration
+from ocplanner.demos.picture_check import measured_visual
+from ocplanner.demos.soundness import HARDLY_HELD, faults
+from ocplanner.envs import CONTROL_HZ
+from ocplanner.errors import OcplannerError
+
+_NAMED = 12
+
+
+def findings(demos: Demonstrations) -> list[str]:
+    """One line for each finding; empty if there is nothing to say."""
+    found = list(_of_masks(demos))
+    bad = faults(demos, demos.names, _readable(demos))
+    found += [f"{name} cannot be used: {reason}" for name, reason in list(bad.items())[:_NAMED]]
+    if len(bad) > _NAMED:
+        found.append(f"{len(bad) - _NAMED} more demonstrations cannot be used")
+    sound = [demos[name] for name in demos.names if name not in bad]
+    if sound:
+        for look in (_of_origin, _of_actions, _of_pictures):
+            found += look(demos, sound)
+    return found
+
+
+def held_share(demos: Sequence[Demonstration], object_name: str) -> tuple[int, int]:
+    """In how many steps the first arm holds an object, of how many."""
+    held = 0
+    for demo in demos:
+        poses = demo.object_poses(object_name)
+        held += int(held_steps(*poses, demo.eef_positions, demo.gripper_actions()[:, 0]).sum())
+    return held, sum(demo.length for demo in demos)
+
+
+def _readable(demos: Demonstrations) -> Callable[[Demonstration], None]:
+    """Reads everything that is recorded of a demonstration but pictures."""
+    known = demos.env_name and demos[demos.names[0]].object_names
+
+    def read(demo: Demonstration) -> None:
+        for part in demo.object_names if known else ():
+            demo.manipulation(part)
+
+    return read
+
+
+def _of_masks(demos: Demonstrations) -> Iterator[str]:
+    listed = {mask: demos.listed(mask) for mask in demos.mask_names}
+    for mask, names in listed.items():
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
+        if twice:
+            yield f"mask/{mask} names {_some(twice)} more than once; each counts once"
+        absent = sorted(set(names) - set(demos.names))
+        if absent:
+            yield f"mask/{mask} names {_some(absent)}, which data does not contain"
+    both = sorted(set(listed.get("train", ())) & set(listed.get("valid", ())))
+    if both:
+        yield f"mask/train and mask/valid share {_some(both)}; training refuses that"
+
+
+def _of_origin(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
+    if demos.kind == "robosuite":
+        yield "a raw recording of robosuite: observations, poses and rewards are derived from its states"
+    elif demos.kind == "other":
+        yield "it does not say its task and robot: only policies can be trained on it (train-policy --low-dim KEYS)"
+        return
+    elif sound[0].derived_keys:
+        yield "states alone: observations and poses are derived from them"
+    yield from _told(lambda: _frequency(demos, sound[0].name))
+    yield from _told(lambda: _compared(demos, sound[0]))
+
+
+def _of_actions(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
+    beyond = sum(int((np.abs(demo.recorded_actions) > 1).any(axis=1).sum()) for demo in sound)
+    if beyond:
+        clipped = np.abs(sound[0].actions).max() <= 1
+        answer = "they are clipped, as the recording's controller did" if clipped else "the controller does not clip"
+        yield f"actions of {beyond} of {sum(demo.length for demo in sound)} steps lie outside [-1, 1]; {answer}"
+    if demos.kind == "other":
+        return
+    yield from _told(lambda: _deltas(demos))
+    if sound[0].object_names and len(demos.robots) == 1:
+        yield from _told(lambda: _held(sound))
+
+
+def _of_pictures(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
+    rendered = demos.render_record
+    for camera in demos.cameras:
+        black = [demo.name for demo in sound if not demo.images(camera, slice(0, None, 10)).any(axis=(1, 2, 3)).all()]
+        if black and (rendered is None or rendered.frames == "all"):
+            yield f"{camera} has black pictures in {_some(black)}"
+    if demos.cameras and demos.kind != "other":
+        yield from _told(lambda: _drawn(demos, sound))
+
+
+def _told(look: Callable[[], str | None]) -> Iterator[str]:
+    """What a look at the data set says, or the error that it ends in, without the file's name."""
+    try:
+        line = look()
+    except OcplannerError as error:
+        line = str(error)
+    if line:
+        yield line
+
+
+def _frequency(demos: Demonstrations, name: str) -> str | None:
+    found = control_frequency(demos, name)
+    return (
+        None if found == CONTROL_HZ else f"recorded at {found:g} Hz; ocplanner's own recordings are at {CONTROL_HZ:g}"
+    )
+
+
+def _compared(demos: Demonstrations, demo: Demonstration) -> None:
+    """Compare the recorded world with the simulated one."""
+    demos.compare_world(demo)
+
+
+def _deltas(demos: Demonstrations) -> None:
+    ActionFrame(demos).close()
+
+
+def _held(sound: Sequence[Demonstration]) -> str | None:
+    part = sound[0].object_names[0]
+    held, steps = held_share(sound, part)
+    if held < HARDLY_HELD * steps:
+        return f"{part} is held in {held} of {steps} steps only; positive gripper actions must close the gripper"
+    return None
+
+
+def _drawn(demos: Demonstrations, sound: Sequence[Demonstration]) -> str | None:
+    found = measured_visual(demos, demos.cameras, [demo.name for demo in sound])
+    if demos.render_record is None and found is not None:
+        return f"the pictures are those of the visual preset {found}"
+    return None
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:3])
+    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"
