@@ -24,6 +24,9 @@ from ocplanner.settings import to_dict
 _LONGEST = 30
 """Lines of an entry that is printed whole."""
 
+_SENTENCE = 40
+"""Characters from which on an item of a list gets a line of its own."""
+
 _LISTED = ("runs", "cells", "rows", "checkpoints")
 """What a result file has many of."""
 
@@ -211,7 +214,8 @@ def _plain(value: Any, indent: str = "") -> str:
             return flat
         return "\n".join(f"{indent}{key}: {_plain(item, indent + '  ').lstrip()}" for key, item in value.items())
     if isinstance(value, list):
-        return ", ".join(_plain(item) for item in value)
+        sentences = any(len(str(item)) > _SENTENCE for item in value)
+        return ("\n" if sentences else ", ").join(_plain(item) for item in value)
     if isinstance(value, float):
         return f"{value:.6g}"
     return str(value)

@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ocplanner.control.grasp_detection import held_steps
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.picture_check import measured_visual
-from ocplanner.demos.soundness import HARDLY_HELD, faults
+from ocplanner.demos.segments import manipulation_segment
+from ocplanner.demos.soundness import faults
 from ocplanner.envs import CONTROL_HZ
 from ocplanner.errors import OcplannerError
 
@@ -20,7 +20,7 @@ _NAMED = 12
 
 def findings(demos: Demonstrations) -> list[str]:
     """One line for each finding; empty if there is nothing to say."""
-    found = list(_of_masks(demos))
+    found = [*_of_masks(demos), *_of_gripper(demos)]
     bad = faults(demos, demos.names, _readable(demos))
     found += [f"{name} cannot be used: {reason}" for name, reason in list(bad.items())[:_NAMED]]
     if len(bad) > _NAMED:
@@ -32,21 +32,15 @@ def findings(demos: Demonstrations) -> list[str]:
     return found
 
 
-def held_share(demos: Sequence[Demonstration], object_name: str) -> tuple[int, int]:
-    """In how many steps the first arm holds an object, of how many."""
-    held = 0
-    for demo in demos:
-        poses = demo.object_poses(object_name)
-        held += int(held_steps(*poses, demo.eef_positions, demo.gripper_actions()[:, 0]).sum())
-    return held, sum(demo.length for demo in demos)
-
-
 def _readable(demos: Demonstrations) -> Callable[[Demonstration], None]:
     """Reads everything that is recorded of a demonstration but pictures."""
-    known = demos.env_name and demos[demos.names[0]].object_names
+    try:
+        parts = [part for spec in demos.task().objects for part in spec.parts]
+    except OcplannerError:
+        parts = []
 
     def read(demo: Demonstration) -> None:
-        for part in demo.object_names if known else ():
+        for part in parts:
             demo.manipulation(part)
 
     return read
@@ -64,6 +58,26 @@ def _of_masks(demos: Demonstrations) -> Iterator[str]:
     both = sorted(set(listed.get("train", ())) & set(listed.get("valid", ())))
     if both:
         yield f"mask/train and mask/valid share {_some(both)}; training refuses that"
+
+
+def _of_gripper(demos: Demonstrations) -> Iterator[str]:
+    """Whether the first demonstration makes sense only if positive actions open the gripper."""
+    try:
+        demo, part = demos[0], demos.task().objects[0].parts[0]
+        poses, actions = demo.object_poses(part), demo.carrier_actions(part)
+    except OcplannerError:
+        return
+    carried = [True, True]
+    for way, sign in enumerate((1.0, -1.0)):
+        try:
+            manipulation_segment(*poses, sign * actions)
+        except OcplannerError:
+            carried[way] = False
+    if carried == [False, True]:
+        yield (
+            f"{part} is carried only while the gripper's action is negative: positive ones must close it; turn them "
+            "round with `ocplanner convert --flip-gripper`"
+        )
 
 
 def _of_origin(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
@@ -87,8 +101,6 @@ def _of_actions(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterat
     if demos.kind == "other":
         return
     yield from _told(lambda: _deltas(demos))
-    if sound[0].object_names and len(demos.robots) == 1:
-        yield from _told(lambda: _held(sound))
 
 
 def _of_pictures(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
@@ -125,14 +137,6 @@ def _compared(demos: Demonstrations, demo: Demonstration) -> None:
 
 def _deltas(demos: Demonstrations) -> None:
     ActionFrame(demos).close()
-
-
-def _held(sound: Sequence[Demonstration]) -> str | None:
-    part = sound[0].object_names[0]
-    held, steps = held_share(sound, part)
-    if held < HARDLY_HELD * steps:
-        return f"{part} is held in {held} of {steps} steps only; positive gripper actions must close the gripper"
-    return None
 
 
 def _drawn(demos: Demonstrations, sound: Sequence[Demonstration]) -> str | None:
