@@ -147,15 +147,28 @@ def test_mujoco_may_be_imported_first():
     assert float(result.stdout) > 10
 
 
-def test_a_bogus_backend_is_a_rendering_error():
+def _drawing(backend: str) -> str:
+    """What another process says that draws with a MUJOCO_GL."""
     code = (
         "from ocplanner.errors import RenderingError\n"
-        "try:\n    import ocplanner.envs.environment\n"
+        "try:\n    from ocplanner.envs import make_env; print(make_env('Lift').observe()['agentview'].shape)\n"
         "except RenderingError as error:\n    print(error)\n"
     )
-    environment = {**os.environ, "MUJOCO_GL": "bogus"}
-    result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert "set MUJOCO_GL to egl or osmesa" in result.stdout
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.mark.parametrize("backend", ["bogus", "cuda"])
+def test_a_wrong_variable_is_named_with_its_value_and_not_a_package(backend):
+    said = _drawing(backend)
+    assert said.startswith(f"the environment variable MUJOCO_GL is {backend!r}, which is no OpenGL to draw with; set")
+    assert "apt-get" not in said
+
+
+def test_the_remedy_for_a_wrong_variable_works():
+    assert "set it to egl" in _drawing("bogus")
+    assert _drawing("EGL") == "(84, 84, 3)"
 
 
 def test_both_arms_are_masked(shared_env):

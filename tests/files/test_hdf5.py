@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ocplanner.errors import DatasetError
+from ocplanner.files import hdf5
 from ocplanner.files.hdf5 import HDF5File
 
 WRITER = """
@@ -36,13 +37,14 @@ def path(tmp_path) -> Path:
 
 
 @contextmanager
-def writer(path: Path, kind: str) -> Iterator[None]:
+def writer(path: Path, kind: str) -> Iterator[int]:
+    """The writing process's number."""
     command = [sys.executable, "-c", WRITER, str(path), kind]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"open\n"
         try:
-            yield
+            yield process.pid
         finally:
             process.kill()
 
@@ -67,6 +69,20 @@ def test_a_file_that_is_being_written_is_not_called_damaged(path, kind):
         HDF5File(path).read("data/numbers")
     assert ("HDF5_USE_FILE_LOCKING=FALSE" in str(caught.value)) == (kind == "locked")
     assert "download" not in str(caught.value)
+
+
+def test_a_lock_is_told_with_the_process_that_holds_it(path):
+    with writer(path, "locked") as number, pytest.raises(DatasetError) as caught:
+        HDF5File(path).read("data/numbers")
+    assert f"process {number} ({sys.executable} -c" in str(caught.value)
+    assert "has it open for writing; wait until that has finished, or end it" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_lock_whose_holder_is_not_seen_may_be_the_file_systems_fault(path, monkeypatch):
+    monkeypatch.setattr(hdf5, "_holders", lambda _: [])
+    with writer(path, "locked"), pytest.raises(DatasetError, match="None is seen on this machine"):
+        HDF5File(path).read("data/numbers")
 
 
 def test_the_remedy_for_a_lock_works(path, monkeypatch):

@@ -14,16 +14,22 @@ from ocplanner.versions import check_pins
 
 _BACKENDS = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa"}
 _PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+_ON_SCREEN = "glfw"
+_SET = "set it to egl (graphics card, or Mesa without one) or osmesa (Mesa), which draw without a screen"
 
 
 def rendering_error(cause: object) -> RenderingError:
-    """The error for a machine without headless OpenGL; it names the packages to install."""
-    backend = os.environ.get("MUJOCO_GL", "").lower()
-    wanted = _PACKAGES.get(backend)
-    if wanted is None:
-        remedy = f"set MUJOCO_GL to egl or osmesa, and install {_PACKAGES['egl']} or {_PACKAGES['osmesa']} (apt-get)"
+    """The error for a machine without headless OpenGL: it names the packages to install, or the wrong variable."""
+    found = os.environ.get("MUJOCO_GL", "")
+    backend = found.lower()
+    if found and backend not in (*_PACKAGES, _ON_SCREEN):
+        return RenderingError(
+            f"the environment variable MUJOCO_GL is {found!r}, which is no OpenGL to draw with; {_SET}"
+        )
+    if backend not in _PACKAGES:
+        remedy = _SET
     else:
-        remedy = f"on Debian or Ubuntu run: sudo apt-get install {wanted}"
+        remedy = f"on Debian or Ubuntu run: sudo apt-get install {_PACKAGES[backend]}"
         if backend == "egl":
             remedy += f" (or install {_PACKAGES['osmesa']} and set MUJOCO_GL=osmesa)"
     return RenderingError(f"no working headless OpenGL with MUJOCO_GL={backend or 'unset'}: {cause}; {remedy}")

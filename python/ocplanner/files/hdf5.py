@@ -18,6 +18,7 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 # AttributeError are not among them: they are mistakes in the program.
 _BROKEN = (OSError, KeyError, RuntimeError, ValueError)
 _DAMAGED = "the file is truncated, damaged or not robomimic's: download or record it again"
+_LONGEST_COMMAND = 60
 _MEMORY = "free some memory or use fewer workers; if the file cannot hold that much, download or record it again"
 
 
@@ -143,18 +144,24 @@ class HDF5File:
         try:
             handle = h5py.File(self.path, "r")
         except _BROKEN as error:
-            raise DatasetError(f"{self.path}: {_why_unreadable(error)}") from error
+            raise DatasetError(f"{self.path}: {_why_unreadable(self.path, error)}") from error
         self._handle = (os.getpid(), handle)
         return handle
 
 
-def _why_unreadable(error: Exception) -> str:
+def _why_unreadable(path: Path, error: Exception) -> str:
     """Why a file could not be opened, and the remedy."""
     reason = _first_line(error)
     if "unable to lock file" in reason:
+        holders = _holders(path)
+        if holders:
+            return (
+                f"{' and '.join(holders)} has it open for writing; wait until that has finished, or end it. To read "
+                "it as it stands, set HDF5_USE_FILE_LOCKING=FALSE"
+            )
         return (
-            "another process has it open for writing; wait until that has finished. If no process is writing it, the "
-            "file system may lack locks: set HDF5_USE_FILE_LOCKING=FALSE"
+            "another process has it open for writing; wait until that has finished. None is seen on this machine: it "
+            "may run on another one, or the file system may lack locks; if so, set HDF5_USE_FILE_LOCKING=FALSE"
         )
     if "already open for write" in reason:
         return f"a process has it open for writing, or was killed while it had ({reason}); wait, or record it again"
@@ -163,6 +170,28 @@ def _why_unreadable(error: Exception) -> str:
     return (
         f"not a readable HDF5 file ({reason}); it is truncated, damaged or of another kind: download or record it again"
     )
+
+
+def _holders(path: Path) -> list[str]:
+    """The processes of this machine that hold a lock on a file, as far as Linux shows them to us."""
+    found = []
+    with contextlib.suppress(OSError, ValueError):
+        wanted = path.stat()
+        for lock in Path("/proc/locks").read_text(encoding="ascii").splitlines():
+            *_, number, place, _, _ = lock.split()
+            process = Path("/proc", number)
+            if place.endswith(f":{wanted.st_ino}") and _has_open(process, wanted):
+                command = (process / "cmdline").read_bytes().decode(errors="replace").replace("\0", " ")
+                found.append(f"process {number} ({' '.join(command.split())[:_LONGEST_COMMAND]})")
+    return found
+
+
+def _has_open(process: Path, wanted: os.stat_result) -> bool:
+    for handle in (process / "fd").iterdir():
+        with contextlib.suppress(OSError):  # closed since
+            if os.path.samestat(handle.stat(), wanted):
+                return True
+    return False
 
 
 def _as_slice(rows: slice | np.ndarray) -> slice | np.ndarray:
