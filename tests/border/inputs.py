@@ -8,7 +8,7 @@ import functools
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,15 @@ def _odd(what: str, **flags: tuple[str, ...]) -> Callable[[Maker], Maker]:
 def _skipping(name: str) -> None:
     """The same input, read with --skip-bad."""
     odd = INPUTS[name]
-    INPUTS[f"{name}-skipped"] = Input(f"{name}-skipped", f"{odd.what}; --skip-bad", odd.make, ("--skip-bad",))
+    INPUTS[f"{name}-skipped"] = replace(
+        odd, name=f"{name}-skipped", what=f"{odd.what}; --skip-bad", reading=("--skip-bad",)
+    )
+
+
+def _mending(name: str, flag: str) -> None:
+    """The same input, read from what convert makes of it."""
+    odd = INPUTS[name]
+    INPUTS[f"{name}-mended"] = replace(odd, name=f"{name}-mended", what=f"{odd.what}; convert {flag}", convert=(flag,))
 
 
 @contextlib.contextmanager
@@ -176,9 +184,9 @@ def never_lifted(base: Base, path: Path) -> None:
         demo = file["data/demo_1"]
         for key in ("obs/cube_pos", "obs/cube_quat"):
             demo[key][:] = demo[key][0]
-        demo["obs/object"][:, :7] = demo["obs/object"][0, :7]
         demo["states"][:, 10:17] = demo["states"][0, 10:17]
-        del demo["obs/object"]
+        parts = (demo["obs/cube_pos"][:], demo["obs/cube_quat"][:])
+        demo["obs/object"][:] = np.concatenate((*parts, demo["obs/robot0_eef_pos"][:] - parts[0]), axis=1)
 
 
 # The recorded world
@@ -284,6 +292,9 @@ def upside_down(base: Base, path: Path) -> None:
             replace_array(demo, "obs/agentview_image", demo["obs/agentview_image"][:][:, ::-1])
 
 
+_mending("upside-down", "--flip-images")
+
+
 @_odd("pictures that something else drew; nothing says how")
 def pictures_of_unknown_origin(base: Base, path: Path) -> None:
     with copy_of(base, path) as file:
@@ -330,9 +341,7 @@ def flipped_gripper(base: Base, path: Path) -> None:
             demo["actions"][:, 6] *= -1
 
 
-INPUTS["flipped-gripper-mended"] = Input(
-    "flipped-gripper-mended", "the same; convert --flip-gripper", flipped_gripper, convert=("--flip-gripper",)
-)
+_mending("flipped-gripper", "--flip-gripper")
 
 
 @_odd("six numbers an action: the gripper's is missing")
@@ -380,7 +389,10 @@ def empty_mask(base: Base, path: Path) -> None:
     _masks(base, path, train=[], valid=["demo_2"])
 
 
-@_odd("no masks")
+_ALL = ("--mask", "all")
+
+
+@_odd("no masks", policy=_ALL)
 def no_masks(base: Base, path: Path) -> None:
     _masks(base, path)
 
@@ -412,27 +424,27 @@ def strip_to_raw(base: Base, path: Path, version: str, controllers: dict[str, An
             group.attrs["model_file"] = f"model_{number}.xml" if late else base.model
 
 
-@_odd("robosuite's own recording, version 1.0: states after the actions, model_file names a file")
+@_odd("robosuite's own recording, version 1.0: states after the actions, model_file names a file", policy=_ALL)
 def raw_1_0(base: Base, path: Path) -> None:
     strip_to_raw(base, path, "1.0.0", _OSC, late=True, loud=1.0)
 
 
-@_odd("robosuite's own recording, version 1.4")
+@_odd("robosuite's own recording, version 1.4", policy=_ALL)
 def raw_1_4(base: Base, path: Path) -> None:
     strip_to_raw(base, path, "1.4.0", _OSC, late=False, loud=1.0)
 
 
-@_odd("robosuite's own recording, version 1.5")
+@_odd("robosuite's own recording, version 1.5", policy=_ALL)
 def raw_1_5(base: Base, path: Path) -> None:
     strip_to_raw(base, path, "1.5.1", {"type": "BASIC", "body_parts": {"right": _OSC}}, late=False, loud=1.0)
 
 
-@_odd("robosuite's own recording with actions up to 3.75, which its controller clipped")
+@_odd("robosuite's own recording with actions up to 3.75, which its controller clipped", policy=_ALL)
 def raw_loud(base: Base, path: Path) -> None:
     strip_to_raw(base, path, "1.4.0", _OSC, late=False, loud=3.75)
 
 
-@_odd("robosuite's own recording of a Panda, but env_info says Sawyer")
+@_odd("robosuite's own recording of a Panda, but env_info says Sawyer", policy=_ALL)
 def raw_other_arm(base: Base, path: Path) -> None:
     raw_1_4(base, path)
     with h5py.File(path, "r+") as file:

@@ -91,13 +91,15 @@ class Bench:
     def _cell(self, odd: Input, verb: str, path: Path) -> dict[str, Any]:
         work = path.parent
         rendered, run = work / "rendered.hdf5", work / "run"
+        if odd.convert and (work / "converted.hdf5").exists():
+            path = work / "converted.hdf5"
         seen = rendered if rendered.exists() and not _has_pictures(path) else path
         policy = work / "policy"
         if verb == "evaluate" and not (policy / "policy.safetensors").exists():
             return {"answer": "no policy to evaluate"}
         commands = {
             "info": [str(path), "--json"],
-            "convert": [str(path), str(work / "converted.hdf5"), *odd.convert, *odd.reading],
+            "convert": [str(work / "input.hdf5"), str(work / "converted.hdf5"), *odd.convert, *odd.reading],
             "render": [str(path), str(rendered), *_render(), *odd.reading],
             "train-planner": [*_train_planner(seen, run), *odd.reading],
             "label": [str(seen), str(work / "labelled.hdf5"), "--planner", str(self.planner), *odd.reading],
@@ -169,8 +171,10 @@ def _has_pictures(path: Path) -> bool:
     try:
         with h5py.File(path, "r") as file:
             return "agentview_image" in next(iter(file["data"].values()))["obs"]
-    except (OSError, KeyError, StopIteration):
+    except OSError:
         return True
+    except (KeyError, StopIteration):
+        return False
 
 
 def _found(verb: str, work: Path, text: str) -> Found:

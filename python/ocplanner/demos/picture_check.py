@@ -57,8 +57,8 @@ def measured_visual(demos: Demonstrations, cameras: Sequence[str], names: Sequen
         if _apart(pictures[:, ::-1], drawn) < min(_SAME_SCENE, _CLEARLY * apart[preset]):
             raise MismatchError(
                 f"{demos.path}: the pictures of {camera} in {demo.name} are upside down: turned over, they show the "
-                f"recorded states; turn every obs/{camera}_image and next_obs/{camera}_image over (images[:, ::-1]), "
-                "or draw them again with `ocplanner render`"
+                "recorded states; turn them over with `ocplanner convert SOURCE TARGET --flip-images`, or draw them "
+                "again with `ocplanner render`"
             )
         if apart[preset] < _SAME_DRAWING:
             break

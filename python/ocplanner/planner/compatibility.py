@@ -1,8 +1,11 @@
 """Whether a data set fits a planner."""
 
+from collections.abc import Sequence
+
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.recorded_task import recorded_task
-from ocplanner.errors import MismatchError
+from ocplanner.errors import MismatchError, RenderingError
 from ocplanner.files.records.render import RenderRecord
 from ocplanner.planner.planner import Planner
 
@@ -11,7 +14,7 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     """Check that a data set has the planner's task, object, cameras, observation, image size, preset and mask colour.
 
     Raises:
-        MismatchError: the planner was made for something else, or images of a camera are missing.
+        MismatchError: the planner was made for something else, images of a camera are missing, or they are upside down.
     """
     header, render = planner.header, demos.render_record or RenderRecord()
     task = recorded_task(demos.env_name)
@@ -27,7 +30,8 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
             f"{demos.path}: no images of camera {', '.join(missing)}, which the planner reads (there are: "
             f"{', '.join(demos.cameras) or 'none'}); add them with {remedy}"
         )
-    for name, wanted, found in (("observe", header.observe, render.observe), ("visual", header.visual, render.visual)):
+    visual = render.visual if render.visual or not header.visual else _measured(demos, header.cameras)
+    for name, wanted, found in (("observe", header.observe, render.observe), ("visual", header.visual, visual)):
         if wanted not in (None, found):
             raise MismatchError(
                 f"{demos.path} was drawn with {name}={found or 'unknown'}, but {planner.path} was trained on "
@@ -45,6 +49,14 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
                 f"{demos.path}: images of {camera} are {width}x{height}, but the planner reads "
                 f"{header.image_size}x{header.image_size}; draw them again with {remedy}"
             )
+
+
+def _measured(demos: Demonstrations, cameras: Sequence[str]) -> str | None:
+    """The preset of pictures whose file does not say it; None if that cannot be seen."""
+    try:
+        return measured_visual(demos, cameras)
+    except RenderingError:
+        return None
 
 
 def _remedy(planner: Planner) -> str:

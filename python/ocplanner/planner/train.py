@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,9 @@ import numpy as np
 import torch
 
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
-from ocplanner.errors import InvalidValueError, TrainingError
+from ocplanner.errors import InvalidValueError, RenderingError, TrainingError
 from ocplanner.files.records.metrics import HeldOutErrors, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
 from ocplanner.planner.augment import observed
@@ -47,7 +48,7 @@ def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadS
 
     Raises:
         DatasetError: the data set is damaged or lacks images.
-        MismatchError: the data set was rendered for another observation or image size.
+        MismatchError: the data set was rendered for another observation or image size, or its images are upside down.
         TrainingError: a loss is not finite, or the run folder belongs to another training.
         OutputError: the folder cannot be written, is no folder for a run, or another process trains in it.
     """
@@ -55,12 +56,26 @@ def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadS
     progress = TrainingProgress()
     with Demonstrations(data, reading=reading) as demos:
         settings = data_settings(demos, config)
+        if settings.visual is None:
+            settings = settings._replace(visual=_measured_visual(demos, config.cameras, progress.say))
         parts = split(demos, config.seed)
         progress.say(f"{len(parts.train)} demonstrations to train on, {len(parts.valid)} held out ({parts.source})")
         train = load_frames(demos, parts.train, config, settings.object_name, progress.say)
         valid = load_frames(demos, parts.valid, config, settings.object_name, progress.say)
     progress.say(f"{len(train)} and {len(valid)} frames between grasp and release")
     return train_on_frames(config, train, valid, settings, run, progress)
+
+
+def _measured_visual(demos: Demonstrations, cameras: Sequence[str], say: Callable[[str], None]) -> str | None:
+    """The preset that pictures were drawn with of which the file does not say it."""
+    try:
+        visual = measured_visual(demos, cameras)
+    except RenderingError as error:
+        say(f"warning: the pictures were not compared with the simulated scene: {error}")
+        return None
+    if visual is None:
+        say("warning: with which visual preset the pictures were drawn is neither on record nor to be seen")
+    return visual
 
 
 def train_on_frames(
