@@ -3,7 +3,7 @@ import pytest
 
 from ocplanner.envs import make_env
 from ocplanner.envs.robots import ROBOTS
-from ocplanner.errors import ShapeError, UnknownNameError
+from ocplanner.errors import InvalidValueError, ShapeError, UnknownNameError
 from ocplanner.geometry.pose import Pose
 
 OPEN = np.array([0, 0, 0, 0, 0, 0, -1.0])
@@ -181,3 +181,23 @@ def test_either_arm_is_placed(shared_env):
     assert env.place_eef(goal, arm=1) < 1e-3
     np.testing.assert_allclose(env.arms[1].eef_pose().position, goal.position, atol=1e-3)
     np.testing.assert_array_equal(env.arms[0].eef_pose().position, first.position)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 12.5, 20.0, 30.0, 100.0])
+def test_both_control_loops_keep_the_frequency(frequency):
+    """As many physics steps a control step as robosuite takes, and the same hand's path."""
+    ends, times = [], []
+    for control in ("native", "stock"):
+        with make_env("Lift", "Panda", cameras=(), control=control, control_freq=frequency) as env:
+            for _ in range(4):
+                env.step(np.array([0.3, -0.2, 0.1, 0, 0, 0.1, -1]))
+            ends.append(env.eef_pose().position)
+            times.append(env.data.time)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+    np.testing.assert_allclose(times, 4 / frequency, atol=4 * 0.002)
+
+
+def test_a_frequency_beyond_the_simulations_is_refused():
+    for frequency in (0.5, 1000.0, float("nan")):
+        with pytest.raises(InvalidValueError, match="control_freq"):
+            make_env("Lift", "Panda", cameras=(), control_freq=frequency)
