@@ -58,12 +58,12 @@ def test_the_base_frame_turns_with_the_first_joint_of_an_iiwa(with_controller):
     with with_controller(controllers, "1.5.1", ("IIWA",)) as demos:
         demos.close()  # it opens again when asked
         with h5py.File(demos.path, "r+") as file:
-            del file["data/demo_0/states"]
+            del file["data/demo_0/states"], file["data/demo_0/obs/robot0_eef_pos"]
             file["data/demo_0/states"] = np.stack([states[0]] * 88 + states)
         with ActionFrame(demos) as frame:
             found = frame.rotations_world(demos["demo_0"], np.array([3, 89]))
             np.testing.assert_allclose(found, expected, atol=1e-9)
-            with pytest.raises(DatasetError, match=r"demo_1.*states"):
+            with pytest.raises(DatasetError, match=r"demo_1.*state"):
                 frame.rotations_world(demos["demo_1"], np.array([0]))
 
 

@@ -1,7 +1,7 @@
 """The frame and scale in which a data set's actions move the end effector (OSC_POSE deltas)."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,10 +9,12 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import is_from_1_5
 from ocplanner.demos.origin import controllers, is_absolute
-from ocplanner.envs import ManipulationEnv, make_env
-from ocplanner.envs.tasks import task_of_env
-from ocplanner.errors import DatasetError, MismatchError, ShapeError
+from ocplanner.envs import make_env
+from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.files.records.labels import ActionScale, FrameName
+
+if TYPE_CHECKING:
+    from ocplanner.demos.recorded_world import RecordedWorld
 
 _SCALE_M, _SCALE_RAD = 0.05, 0.5  # robosuite's defaults, for recordings that do not say
 _COMPARED, _FEWEST_STEPS, _MOVES_M = 5, 8, 0.02
@@ -44,24 +46,34 @@ class ActionFrame:
         if name not in ("world", "base"):
             raise MismatchError(f"{demos.path}: actions in the frame {name!r}, expected world or base; record it again")
         self.name: FrameName = name
-        self._env: ManipulationEnv | None = None
+        self._world: RecordedWorld | None = None
 
     def rotations_world(self, demo: Demonstration, rows: np.ndarray) -> np.ndarray:
         """(n, 3, 3) rotations, frame of the actions -> world, at the given steps.
 
         Raises:
             DatasetError: the frame is the base's, but the states are missing or another model's.
+            MismatchError: the frame is the base's, but another arm, gripper or scene was recorded.
         """
         if self.name == "world" or not len(rows):
             return np.tile(np.eye(3), (len(rows), 1, 1))
-        states = demo.states
-        return np.stack([self._base(demo, states[row]) for row in rows])
+        if self._world is None:
+            from ocplanner.demos.recorded_world import RecordedWorld
+
+            env = make_env(self._demos.task(), self._demos.robots[0], cameras=())
+            self._world = RecordedWorld(env, self._demos.grippers)
+        world, found = self._world, []
+        states = world.open(demo)
+        for row in rows:
+            world.show(demo, states[row])
+            found.append(world.env.base_rotation)
+        return np.stack(found)
 
     def close(self) -> None:
         """Free the simulation."""
-        if self._env is not None:
-            self._env.close()
-            self._env = None
+        if self._world is not None:
+            self._world.env.close()
+            self._world = None
 
     def __enter__(self) -> "ActionFrame":
         """The simulation starts when it is first needed."""
@@ -70,17 +82,6 @@ class ActionFrame:
     def __exit__(self, *_: object) -> None:
         """Free the simulation."""
         self.close()
-
-    def _base(self, demo: Demonstration, state: np.ndarray) -> np.ndarray:
-        if self._env is None:
-            self._env = make_env(task_of_env(self._demos.env_name), self._demos.robots[0], cameras=())
-        try:
-            self._env.set_state(state)
-        except ShapeError as error:
-            raise DatasetError(
-                f"{demo!r}: the states do not give the base's frame: {error}; record it again"
-            ) from error
-        return self._env.base_rotation
 
 
 def check_deltas(demos: Demonstrations) -> None:
@@ -92,7 +93,7 @@ def check_deltas(demos: Demonstrations) -> None:
     looked_at = demos[:_COMPARED]
     try:
         _osc_pose(demos)
-        absolute = [are_absolute(demo.actions, demo.eef_positions) for demo in looked_at]
+        absolute = [are_absolute(demo.recorded_actions, demo.eef_positions) for demo in looked_at]
     except (DatasetError, MismatchError):  # nothing says that they are deltas, or there is nothing to compare them with
         return
     if sum(absolute) > len(looked_at) / 2:

@@ -354,7 +354,7 @@ class Demonstration:
         for path in sorted(self._file.arrays(f"data/{self.name}")):
             shape = self._file.shape(self._key(path))
             rows = slice(None) if len(shape) < 3 else np.unique([*range(0, shape[0], 8), shape[0] - 1])
-            array = self._file.read(self._key(path), rows) if shape[0] else np.empty(shape)
+            array = self._file.read(self._key(path), rows) if 0 not in shape else np.empty(shape)
             digest.update(f"{path} {array.dtype} {shape}".encode())
             digest.update(repr(array.tolist()).encode() if array.dtype.hasobject else np.ascontiguousarray(array).data)
         return digest.hexdigest()
@@ -363,9 +363,10 @@ class Demonstration:
         """Copy it with its attributes to another open file, without unpacking compressed data."""
         self._file.copy(f"data/{self.name}", target, name)
         if self._recording.raw:
+            group = target.require_group(name)
             for path, array in self.arrays().items():
-                del target[name][path]
-                target[name].create_dataset(path, data=array)
+                del group[path]
+                group.create_dataset(path, data=array)
 
     def _key(self, key: str) -> str:
         return f"data/{self.name}/{key}"
@@ -401,7 +402,7 @@ class Demonstration:
         def check(shape: tuple[int, ...]) -> None:
             if dims is not None and len(shape) != dims:
                 raise self._error(key, f"shape {shape}, expected {dims} dimension(s)", "record it again")
-            if shape[0] != steps:
+            if shape[:1] != (steps,):
                 raise self._error(key, f"shape {shape}, but there are {steps} actions", "record it again")
 
         if not self._late:

@@ -10,6 +10,7 @@ import numpy as np
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
+from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.demos.soundness import sound_names
 from ocplanner.envs.tasks import tasks
@@ -139,7 +140,8 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
 
     Raises:
         DatasetError: its task is unknown, it has no images, or lacks a camera that the configuration names.
-        MismatchError: it was rendered in another observe mode or size.
+        MismatchError: it was rendered in another observe mode or size, its pictures are upside down, or another arm,
+            gripper or scene was recorded than is simulated.
         UnknownNameError: the task has no object of the configuration's name.
     """
     render = demos.render_record or RenderRecord()
@@ -176,7 +178,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         task=task.name,
         object_name=config.object or task.parts[0],
         source_robot="+".join(demos.robots),
-        visual=render.visual,
+        visual=render.visual or measured_visual(demos, config.cameras),
         mask_rgb=render.mask_rgb if observe == "masked" else None,
         silhouettes=render.silhouettes,
     )
