@@ -45,7 +45,7 @@ VERBS = ("info", "convert", "render", "train-planner", "label", "train-policy", 
 _LONGEST_S = 120
 _NETWORK = ["--image-size", str(SIZE), "--crop", "20", "--augmentation.crop-shift", "1", "--channels", "4", "8"]
 _STAGES = ["--vae-steps", "2", "--predictor-steps", "2", "--finetune-steps", "0", "--horizon", "5"]
-_NOISE = re.compile(r"━|, step \d+: |^step \d|^wrote ")
+_NOISE = re.compile(r"━|, step \d+: |^step \d")
 _VARYING = (
     (re.compile(r"(eof|base_addr|bytes) (= )?\d+"), r"\1 \2N"),
     (re.compile(r"process \d+ \([^)]*\)"), "process N (COMMAND)"),

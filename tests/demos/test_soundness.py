@@ -45,3 +45,14 @@ def test_bad_ones_are_left_out_on_demand_and_told(odd):
         assert said[0].startswith("demo_0 is left out: actions: nan at [4, 2]")
         with pytest.raises(DatasetError, match="none of 1 demonstrations can be used"):
             sound_names(demos, ["demo_0"], _needed)
+
+
+def test_leaving_out_is_no_remedy_where_none_is_sound(odd):
+    with Demonstrations(odd) as demos, pytest.raises(DatasetError, match="none of 2 demonstrations") as caught:
+        sound_names(demos, ["demo_0", "demo_5"], _needed)
+    assert "--skip-bad" not in str(caught.value)
+    assert str(caught.value).endswith(
+        "demo_0: actions: nan at [4, 2]; record it again\n  demo_5: 1 step(s), but a motion has at least 2"
+    )
+    with Demonstrations(odd) as demos, pytest.raises(DatasetError, match="name a mask that is not empty"):
+        sound_names(demos, [], _needed)

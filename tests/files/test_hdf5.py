@@ -125,3 +125,8 @@ def test_a_name_that_is_no_text_is_the_files_fault(path, read):
 def test_a_type_that_numpy_lacks_is_the_files_fault(path, read):
     with pytest.raises(DatasetError, match=r"of an unknown type .*download or record it again"):
         read(HDF5File(path))
+
+
+def test_a_folder_is_not_called_missing(tmp_path):
+    with pytest.raises(DatasetError, match=r"a folder, not an HDF5 file; .*`ocplanner convert SOURCE TARGET`"):
+        HDF5File(tmp_path).read("data")

@@ -72,6 +72,11 @@ class Convert:
                 progress=advance,
                 say=partial(console.print, markup=False),
             )
+        if writes:
+            total = episodes(path)
+        else:
+            with Demonstrations(path) as made:
+                total = len(made)
         console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)}")
 
 

@@ -60,6 +60,8 @@ class Label:
                 progress=advance,
                 say=console.print,
             )
+        with Demonstrations(path) as made:
+            total = len(made)
         hints, reward = self.settings.hints, self.settings.reward
         written = [*(["hints"] if hints else []), *([f"rewards ({reward})"] if reward != "off" else [])]
         console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)} with {' and '.join(written)}")

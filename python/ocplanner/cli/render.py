@@ -52,6 +52,8 @@ class Render:
                 progress=advance,
                 say=console.print,
             )
+        with Demonstrations(path) as made:
+            total = len(made)
         console.print(
             f"wrote {path}: {total} demonstrations, {', '.join(settings.cameras)}, observe={settings.observe}"
         )

@@ -149,12 +149,20 @@ class Demonstrations(Sequence[Demonstration]):
             DatasetError: the file does not say its environment.
             UnknownNameError: no task uses that environment.
         """
+        self.require_task_named()
+        return task_of_env(self.env_name)
+
+    def require_task_named(self) -> None:
+        """Check that the file says its environment.
+
+        Raises:
+            DatasetError: it does not.
+        """
         if not self.env_name:
             raise DatasetError(
                 f"{self.path} does not say its task and robot (no env_args in data): only policies can be trained on "
                 "it (`ocplanner train-policy --low-dim KEYS`); for everything else record env_args too"
             )
-        return task_of_env(self.env_name)
 
     @property
     def env_name(self) -> str:

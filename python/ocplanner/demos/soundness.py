@@ -12,6 +12,7 @@ Check = Callable[[Demonstration], object]
 HARDLY_HELD = 0.02
 """Share of the steps: people hold the object in a third of them, and in 7 % where they pause most of the time."""
 
+_LEAVE_OUT = "leave the demonstration out (--skip-bad) or "
 _SHORTEST = 2
 _NAMED = 12
 
@@ -28,7 +29,7 @@ def faults(demos: Demonstrations, names: Sequence[str], check: Check) -> dict[st
                 raise DatasetError("actions without numbers")
             check(demo)
         except OcplannerError as error:
-            found[name] = str(error).removeprefix(f"{demos.path}: ").removeprefix(f"data/{name}/")
+            found[name] = _reason(str(error), demos, name)
     return found
 
 
@@ -46,11 +47,15 @@ def sound_names(
     Raises:
         DatasetError: some cannot be used; the message has all of them, each with its reason. Or none can.
     """
+    if not names:
+        raise DatasetError(f"{demos.path}: no demonstration to use; name a mask that is not empty")
     bad = faults(demos, names, check)
     sound = [name for name in names if name not in bad]
+    lines = "".join(f"\n  {name}: {reason}" for name, reason in list(bad.items())[:_NAMED])
+    more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
+    if not sound:
+        raise DatasetError(f"{demos.path}: none of {len(names)} demonstrations can be used:{lines}{more}")
     if bad and not demos.reading.skip_bad:
-        lines = "".join(f"\n  {name}: {reason}" for name, reason in list(bad.items())[:_NAMED])
-        more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
         raise DatasetError(
             f"{demos.path}: {len(bad)} of {len(names)} demonstrations cannot be used; leave them out with --skip-bad "
             f"(skip_bad=True), or record them again:{lines}{more}"
@@ -58,7 +63,11 @@ def sound_names(
     for name, reason in bad.items():
         if say is not None:
             say(f"{name} is left out: {reason}")
-    if not sound:
-        first = next(iter(bad.values()), "none was named")
-        raise DatasetError(f"{demos.path}: none of {len(names)} demonstrations can be used ({first}); record it again")
     return sound
+
+
+def _reason(text: str, demos: Demonstrations, name: str) -> str:
+    """An error without what the line that names the demonstration says already."""
+    for told in (f"{demos.path}: ", f"{demos[name]!r}: ", f"data/{name}/", f"{name}/"):
+        text = text.removeprefix(told)
+    return text.replace(_LEAVE_OUT, "")

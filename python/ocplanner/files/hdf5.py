@@ -139,6 +139,11 @@ class HDF5File:
     def _open(self) -> h5py.File:
         if self._handle is not None and self._handle[0] == os.getpid():
             return self._handle[1]
+        if self.path.is_dir():
+            raise DatasetError(
+                f"{self.path}: a folder, not an HDF5 file; name the file in it, or make one of a LeRobot data set with "
+                "`ocplanner convert SOURCE TARGET`"
+            )
         if not self.path.is_file():
             raise DatasetError(f"{self.path}: no such file; give the path of a robomimic HDF5 data set")
         try:

@@ -14,9 +14,11 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
     """Check that a data set has the planner's task, object, cameras, observation, image size, preset and mask colour.
 
     Raises:
+        DatasetError: the data set does not say its task.
         MismatchError: the planner was made for something else, images of a camera are missing, or they are upside down.
     """
     header, render = planner.header, demos.render_record or RenderRecord()
+    demos.require_task_named()
     task = recorded_task(demos.env_name)
     if task is None or task.name != header.task or header.object not in task.parts:
         raise MismatchError(

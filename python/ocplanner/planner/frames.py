@@ -148,6 +148,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     observe = config.observe
     remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"
     task = recorded_task(demos.env_name)
+    demos.require_task_named()
     if task is None:
         known = ", ".join(sorted({*TASK_OBJECTS, *(task.env_name for task in tasks().values())}))
         raise DatasetError(f"{demos.path}: environment {demos.env_name!r} is none of {known}")

@@ -229,7 +229,8 @@ def _numbers(demos: Demonstrations, demo: Demonstration, key: str) -> np.ndarray
     if not np.isfinite(array).all():
         step = int(np.argwhere(~np.isfinite(array))[0, 0])
         raise DatasetError(
-            f"{demos.path}: {demo.name}/obs/{key}: not finite at step {step}; leave the demonstration out of the mask"
+            f"{demos.path}: {demo.name}/obs/{key}: not finite at step {step}; "
+            "leave the demonstration out (--skip-bad) or record it again"
         )
     return array
 
