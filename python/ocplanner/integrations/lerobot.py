@@ -6,6 +6,7 @@ Python of an environment that has lerobot, and imports nothing else of ocplanner
 standard input, answers go as lines of JSON to standard output, and arrays pass through ``.npz`` files.
 """
 
+import importlib
 import json
 import os
 import sys
@@ -51,7 +52,7 @@ class _Side:
 
     def open(self, root: str) -> dict[str, Any]:
         """Open a data set: its features, frequency, robot and the steps of each episode."""
-        self._data = self._kind("local/read", root=root)
+        self._data = self._kind("local/read", root=root, video_backend=_video_backend())
         meta = self._data.meta
         features = {
             key: {"dtype": feature["dtype"], "shape": list(feature["shape"]), "names": feature.get("names")}
@@ -91,6 +92,15 @@ class _Side:
 def _is_coloured(feature: dict[str, Any]) -> bool:
     """Whether a feature is a picture in colour; depth has one channel."""
     return feature["dtype"] in _PICTURES and _COLOURS in (feature["shape"][0], feature["shape"][-1])
+
+
+def _video_backend() -> str | None:
+    """lerobot's default; PyAV where that would be a torchcodec that lacks the system's FFmpeg."""
+    try:
+        importlib.import_module("torchcodec")
+    except (ImportError, OSError, RuntimeError):
+        return "pyav"
+    return None
 
 
 def _serve(requests: TextIO, answers: TextIO) -> None:
