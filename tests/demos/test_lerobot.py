@@ -15,6 +15,7 @@ import pytest
 from ocplanner.demos.convert import ConvertSettings
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.lerobot import LeRobotSettings, from_lerobot, is_lerobot, to_lerobot
+from ocplanner.demos.lerobot_layout import paths_of, unpack
 from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError, OutputError, UnknownNameError, VersionError
 
@@ -245,6 +246,45 @@ def test_a_python_without_lerobot_is_told(source, tmp_path):
     with pytest.raises(VersionError, match=r"has no lerobot that works .ModuleNotFoundError"):
         to_lerobot(source, tmp_path / "square", python=Path(sys.executable))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_vector_is_taken_apart_only_by_names_of_ours():
+    state = {"dtype": "float32", "shape": [3], "names": ["a.0", "a.1", "b.0"]}
+    features = {"action": {"dtype": "float32", "shape": [2], "names": None}, "observation.state": state}
+    file = {"action": np.ones((4, 2)), "observation.state": np.arange(12.0).reshape(4, 3)}
+    paths = paths_of(features, {})
+    arrays = unpack(file, features, paths, [])
+    assert arrays["obs/a"].tolist() == file["observation.state"][:, :2].tolist()
+    assert arrays["obs/b"].shape == (4, 1)
+    assert arrays["dones"].tolist() == [0, 0, 0, 1]
+    for names in (
+        ["shoulder.pos", "elbow.pos", "gripper.pos"],
+        None,
+        {"motors": ["x", "y", "z"]},
+        ["a.1", "a.0", "b.0"],
+    ):
+        state["names"] = names
+        assert unpack(file, features, paths, [])["obs/state"].shape == (4, 3)
+
+
+def test_features_without_a_place_have_no_path():
+    features = {
+        "action": {"dtype": "float32", "shape": [2]},
+        "observation.images.top.left": {"dtype": "video", "shape": [48, 64, 3]},
+        "observation.images.depth": {"dtype": "video", "shape": [48, 64, 1]},
+        "observation.effort": {"dtype": "float64", "shape": [2]},
+        "task_description": {"dtype": "string", "shape": [1]},
+        "language_events": {"dtype": "language", "shape": [1]},
+        "next.success": {"dtype": "bool", "shape": [1]},
+    }
+    assert paths_of(features, {}) == {
+        "action": "actions",
+        "observation.images.top.left": "obs/top_left_image",
+        "observation.effort": "obs/effort",
+        "next.success": "next_success",
+    }
+    with pytest.raises(DatasetError, match=r"no feature .action. among action\.arm"):
+        paths_of({"action.arm": features["action"]}, {})
 
 
 def test_settings_are_checked(source, tiny_square, tmp_path):

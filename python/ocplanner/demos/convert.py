@@ -5,9 +5,10 @@ nothing else is made up. The description of the environment stays the recording'
 that its version declares.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,18 +64,7 @@ class Converter:
     def __init__(self, demos: Demonstrations, settings: ConvertSettings = DEFAULT_CONVERSION) -> None:
         self._demos, self._settings = demos, settings
         self.left_out: set[str] = set()
-        if settings.flip_gripper and LABEL_ATTRIBUTE in demos.attrs:
-            raise MismatchError(
-                f"{demos.path}: its labels say where the gripper holds the object, so it cannot be turned round now; "
-                "convert the data set that was labelled, and label that"
-            )
-        if settings.flip_images and RENDER_ATTRIBUTE in demos.attrs:
-            raise MismatchError(
-                f"{demos.path}: its images are upright, since `ocplanner render` drew them; leave out --flip-images"
-            )
-        observed = (key for demo in demos for key in demo.observation_keys)
-        if settings.flip_images and not any(key.endswith(_PICTURES) for key in observed):
-            raise MismatchError(f"{demos.path} holds no images to turn; leave out --flip-images")
+        check_mendable(demos.path, demos.attrs, (key for demo in demos for key in demo.observation_keys), settings)
 
     def record(self) -> ConvertRecord:
         """What is stored with the data set."""
@@ -198,6 +188,31 @@ def convert_dataset(
 
 
 _WHY = {"rewards": "none were recorded, and no simulated task gives them"}
+
+
+def check_mendable(path: Path, attrs: Mapping[str, Any], observed: Iterable[str], settings: ConvertSettings) -> None:
+    """Check that what is to be turned round is there, and that nothing was made with it as it is.
+
+    Args:
+        path: of the source, for errors.
+        attrs: the attributes of its ``data``.
+        observed: names or paths of its observations.
+        settings: what is to be turned round.
+
+    Raises:
+        MismatchError: it is not.
+    """
+    if settings.flip_gripper and LABEL_ATTRIBUTE in attrs:
+        raise MismatchError(
+            f"{path}: its labels say where the gripper holds the object, so it cannot be turned round now; convert the "
+            "data set that was labelled, and label that"
+        )
+    if settings.flip_images and RENDER_ATTRIBUTE in attrs:
+        raise MismatchError(
+            f"{path}: its images are upright, since `ocplanner render` drew them; leave out --flip-images"
+        )
+    if settings.flip_images and not any(name.endswith(_PICTURES) for name in observed):
+        raise MismatchError(f"{path} holds no images to turn; leave out --flip-images")
 
 
 def mended(arrays: dict[str, np.ndarray], settings: ConvertSettings) -> dict[str, np.ndarray]:

@@ -66,7 +66,7 @@ class _Side:
         """Write an episode's arrays to a file; pictures as (T, h, w, 3) uint8. Its tasks are the answer."""
         start, end = self._span(episode)
         features = {key: feature for key, feature in self._data.meta.features.items() if key not in _BOOKKEEPING}
-        numbers = [key for key, feature in features.items() if feature["dtype"] not in (*_PICTURES, "string")]
+        numbers = [key for key, feature in features.items() if _is_number(feature["dtype"])]
         # As Arrow's own values: LeRobot's tensors would round float64 to float32.
         table = self._data.hf_dataset.with_format("arrow").select_columns(numbers)[start:end]
         found = {
@@ -87,6 +87,13 @@ class _Side:
     def _span(self, episode: int) -> tuple[int, int]:
         row = self._data.meta.episodes[episode]
         return int(row["dataset_from_index"]), int(row["dataset_to_index"])
+
+
+def _is_number(dtype: str) -> bool:
+    try:
+        return np.dtype(dtype).kind in "fiub"
+    except TypeError:
+        return False
 
 
 def _is_coloured(feature: dict[str, Any]) -> bool:
