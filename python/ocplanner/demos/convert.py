@@ -21,7 +21,6 @@ from ocplanner.demos.writer import DatasetWriter
 from ocplanner.errors import DatasetError, MismatchError
 from ocplanner.files.records.convert import CONVERT_ATTRIBUTE, ConvertRecord
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE
-from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.files.storage import check_output
 from ocplanner.settings import require
 from ocplanner.versions import installed
@@ -206,10 +205,6 @@ def check_mendable(path: Path, attrs: Mapping[str, Any], observed: Iterable[str]
         raise MismatchError(
             f"{path}: its labels say where the gripper holds the object, so it cannot be turned round now; convert the "
             "data set that was labelled, and label that"
-        )
-    if settings.flip_images and RENDER_ATTRIBUTE in attrs:
-        raise MismatchError(
-            f"{path}: its images are upright, since `ocplanner render` drew them; leave out --flip-images"
         )
     if settings.flip_images and not any(name.endswith(_PICTURES) for name in observed):
         raise MismatchError(f"{path} holds no images to turn; leave out --flip-images")
