@@ -2,10 +2,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 
+from ocplanner.collection.settings import CollectSettings, RenderSettings
+from ocplanner.envs import make_env
 from ocplanner.errors import InvalidValueError, UnknownNameError
-from ocplanner.settings import build, require, to_dict
+from ocplanner.files.records.evaluation import EvaluationSettings
+from ocplanner.planner.config import PlannerTraining
+from ocplanner.policies.config import ObservationConfig, PolicyTraining
+from ocplanner.settings import build, require, require_names, require_seed, to_dict
+from ocplanner.zero_shot.matrix import transfer_matrix
+from ocplanner.zero_shot.transfer import seeds_of
 
 
 @dataclass(frozen=True)
@@ -74,3 +82,61 @@ def test_unknown_names_list_the_known():
 
 def test_unknown_fields_may_be_ignored():
     assert build(Outer, {"name": "x", "later": 1, "inner": {"later": 2}}, ignore_unknown=True) == Outer("x")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 2**70, 1.5, "7", None, float("nan")])
+def test_seeds_that_are_refused(seed):
+    with pytest.raises(InvalidValueError, match=r"start is .*, but must be a whole number from 0 to 2\*\*63 - 1"):
+        require_seed(seed, "start")
+
+
+def test_seeds_of_any_integer_type():
+    assert [require_seed(seed) for seed in (0, np.int64(7), 2**63 - 1)] == [0, 7, 2**63 - 1]
+
+
+def test_one_text_is_not_several_names():
+    with pytest.raises(InvalidValueError, match=r"cameras is 'agentview'.*write \('agentview',\)"):
+        require_names("cameras", "agentview")
+    assert require_names("cameras", ["a", "b"]) == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: RenderSettings(cameras="agentview"),
+        lambda: RenderSettings(silhouettes="IIWA"),
+        lambda: PlannerTraining(cameras="agentview"),
+        lambda: ObservationConfig(cameras="agentview"),
+        lambda: ObservationConfig(low_dim="object"),
+        lambda: make_env("Lift", cameras="agentview"),
+        lambda: make_env("Lift", patches="sawyer-base-contact"),
+        lambda: transfer_matrix([], "Panda", out="matrix.json"),
+    ],
+)
+def test_every_list_of_names_refuses_one_text(make):
+    with pytest.raises(InvalidValueError, match="but must be a tuple of names: write"):
+        make()
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda seed: CollectSettings(seed=seed),
+        lambda seed: PlannerTraining(seed=seed),
+        lambda seed: PolicyTraining(seed=seed),
+        lambda seed: EvaluationSettings(seed_start=seed),
+        lambda seed: seeds_of(3, seed),
+        lambda seed: seeds_of([1, seed]),
+        lambda seed: make_env("Lift", seed=seed),
+    ],
+)
+def test_every_seed_is_checked(make, seed):
+    with pytest.raises(InvalidValueError, match=r"seed|start"):
+        make(seed)
+
+
+@pytest.mark.parametrize("make", [lambda: EvaluationSettings(10**9), lambda: seeds_of(10**12)])
+def test_more_episodes_than_anyone_runs_are_refused(make):
+    with pytest.raises(InvalidValueError, match="must be at most 1000000"):
+        make()

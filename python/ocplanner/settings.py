@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import math
+import numbers
 import types
 import typing
 from collections.abc import Mapping
@@ -30,6 +32,46 @@ def require_choice(kind: str, value: str, alias: Any) -> None:
     """
     if value not in get_args(alias):
         raise UnknownNameError(kind, value, get_args(alias))
+
+
+_MOST_SEED = 2**63 - 1
+"""The largest that every random generator and every file takes."""
+
+
+def require_seed(seed: Any, name: str = "seed") -> int:
+    """Check a seed.
+
+    Returns:
+        The seed as a plain number.
+
+    Raises:
+        InvalidValueError: it is no whole number from 0 to 2**63 - 1.
+    """
+    if not isinstance(seed, numbers.Integral) or not 0 <= int(seed) <= _MOST_SEED:
+        raise InvalidValueError(f"{name} is {seed!r}, but must be a whole number from 0 to 2**63 - 1")
+    return int(seed)
+
+
+def require_finite(name: str, values: Any) -> None:
+    """Check an array of numbers.
+
+    Raises:
+        InvalidValueError: one is NaN or infinite.
+    """
+    for index, value in enumerate(values.ravel().tolist()):
+        if not math.isfinite(value):
+            raise InvalidValueError(f"{name} must be finite, but its number {index} is {value}")
+
+
+def require_names(field: str, names: Any) -> tuple[str, ...]:
+    """Check a list of names.
+
+    Raises:
+        InvalidValueError: it is one text, whose letters would be taken for names.
+    """
+    if isinstance(names, str):
+        raise InvalidValueError(f"{field} is {names!r}, but must be a tuple of names: write ({names!r},)")
+    return tuple(names)
 
 
 def to_dict(instance: Any) -> dict[str, Any]:

@@ -1,6 +1,10 @@
+import hashlib
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -83,3 +87,45 @@ def test_another_broken_pipe_is_a_fault(monkeypatch, capfd):
     monkeypatch.setitem(ERRORS, "pipe", BrokenPipeError("a worker's"))
     assert cli.main(["fails", "--how", "pipe"]) == 1
     assert "unexpected BrokenPipeError: a worker's" in capfd.readouterr().err
+
+
+@dataclass(frozen=True)
+class Computes:
+    """Compute for minutes where no signal is heard: in compiled code."""
+
+    def run(self) -> None:
+        sys.stderr.write("computing\n")
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+
+
+DEAF = """
+import signal, sys
+sys.path.insert(0, sys.argv[1])
+from test_main import Computes, cli
+signal.signal(signal.SIGINT, signal.default_int_handler)
+cli._commands = lambda: {"computes": Computes, "again": Computes}
+sys.exit(cli.main(["computes"]))
+"""
+
+
+def test_ctrl_c_ends_what_does_not_hear_it():
+    command = [sys.executable, "-c", DEAF, str(Path(__file__).parent)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while process.stderr.readline() != "computing\n":
+            pass
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors == "interrupted; run the same command again to resume\n"
+
+
+def test_too_little_memory_is_told(capsys, monkeypatch):
+    monkeypatch.setattr(cli, "_commands", lambda: {"fails": Fails, "again": Fails})
+    monkeypatch.setitem(ERRORS, "memory", MemoryError("Unable to allocate 74.5 GiB"))
+    assert cli.main(["fails", "--how", "memory"]) == 2
+    assert capsys.readouterr().err == (
+        "error: not enough memory (Unable to allocate 74.5 GiB); use fewer workers, a smaller batch or a smaller data "
+        "set\n"
+    )

@@ -201,3 +201,49 @@ def test_a_frequency_beyond_the_simulations_is_refused():
     for frequency in (0.5, 1000.0, float("nan")):
         with pytest.raises(InvalidValueError, match="control_freq"):
             make_env("Lift", "Panda", cameras=(), control_freq=frequency)
+
+
+@pytest.mark.parametrize("wrong", [{"image_size": 0}, {"image_size": -1}, {"image_size": 10**6}, {"image_size": 8.5}])
+def test_pictures_that_cannot_be_drawn_are_refused_at_once(wrong):
+    with pytest.raises(InvalidValueError, match=r"image_size is .*, but must be 1 to 2048 pixels"):
+        make_env("Square", **wrong)
+
+
+def test_a_picture_without_size_is_refused(shared_env):
+    with pytest.raises(InvalidValueError, match="width is 0, but must be 1 to 2048 pixels"):
+        shared_env().render("agentview", 0, 84)
+
+
+@pytest.mark.parametrize("control", ["native", "stock"])
+@pytest.mark.parametrize("number", [0, 6])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_refused_action_leaves_no_trace(control, number, value):
+    wrong, right = np.zeros(7), np.full(7, 0.3)
+    wrong[number] = value
+    with make_env("Lift", cameras=(), control=control) as env:
+        states = []
+        for refused in (False, True):
+            env.reset(3)
+            env.step(right)
+            if refused:
+                with pytest.raises(InvalidValueError, match=f"an action must be finite, but its number {number} is"):
+                    env.step(wrong)
+            env.step(right)
+            states.append(env.sim.get_state().flatten())
+            assert env.steps == 2
+    np.testing.assert_array_equal(*states)
+
+
+def test_states_and_poses_of_nan_move_nothing(shared_env):
+    env = shared_env()
+    env.reset(0)
+    before = env.sim.get_state().flatten()
+    nowhere = Pose(np.full(3, np.nan), np.eye(3))
+    for move in (
+        lambda: env.set_state(before * np.nan),
+        lambda: env.place_object(nowhere),
+        lambda: env.place_eef(nowhere),
+    ):
+        with pytest.raises(InvalidValueError, match="must be finite"):
+            move()
+    np.testing.assert_array_equal(env.sim.get_state().flatten(), before)

@@ -178,3 +178,27 @@ def test_both_arms_are_masked(shared_env):
     hands = np.concatenate([arm.eef_pose().position[None] + [[0.0, 0.0, 0.12]] for arm in env.arms])
     pixels = env.project("agentview", hands, *mask.shape[::-1]).astype(int)
     assert mask[pixels[:, 1], pixels[:, 0]].all()
+
+
+EXITS = {
+    "an open environment": "env = make_env('Lift'); env.observe()",
+    "a forked process": "env = make_env('Lift'); env.observe(); os.fork() or sys.exit(0); os.wait()",
+    "a picture that could not be drawn": """
+rendering.mujoco.MjrContext = lambda *_: 1 / 0
+env = make_env('Lift')
+try:
+    env.observe()
+except RenderingError:
+    pass
+""",
+}
+
+
+@pytest.mark.parametrize("kind", EXITS)
+def test_the_end_of_the_process_is_silent(kind):
+    code = (
+        "import os, sys\nfrom ocplanner.envs import make_env, rendering\nfrom ocplanner.errors import RenderingError\n"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", code + EXITS[kind]]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -3,7 +3,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import FrozenInstanceError
+from dataclasses import MISSING, FrozenInstanceError
 from pathlib import Path
 
 import numpy as np
@@ -386,3 +386,43 @@ def test_agrees_with_torch_on_trained_weights(path: Path) -> None:
 
 def test_there_are_trained_planners() -> None:
     assert TRAINED
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name
+        for name, f in PlannerHeader.__dataclass_fields__.items()
+        if f.default is MISSING and f.default_factory is MISSING
+    ],
+)
+def test_a_header_that_lacks_a_field_names_it(tmp_path: Path, name: str) -> None:
+    config = planner_config()
+    tensors = random_tensors(config)
+    del config[name]
+    with pytest.raises(ModelFileError, match=rf"p\.safetensors: .*({name} is missing|missing field `{name}`)"):
+        Planner.load(write_planner(tmp_path / "p.safetensors", config, tensors))
+
+
+@pytest.mark.parametrize(("number", "said"), [(99, "99"), ("x", '"x"'), (None, "null")])
+def test_another_format_is_told_plainly(tmp_path: Path, number: object, said: str) -> None:
+    config = planner_config()
+    path = write_planner(tmp_path / "p.safetensors", config, random_tensors(config), format=number)
+    with pytest.raises(ModelFileError, match=f"its format is {said}, this version of ocplanner reads 1; update"):
+        Planner.load(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_that_are_not_finite_are_refused(tmp_path: Path, value: float) -> None:
+    config = planner_config()
+    tensors = random_tensors(config)
+    tensors["decoder.head.bias"][1] = value
+    with pytest.raises(ModelFileError, match=r"tensor decoder\.head\.bias: value 1 is"):
+        Planner.load(write_planner(tmp_path / "p.safetensors", config, tensors))
+
+
+def test_pictures_of_nan_are_refused(tmp_path: Path) -> None:
+    config = write_random_planner(tmp_path / "p.safetensors")
+    pictures = {camera: np.full((1, 84, 84, 3), np.nan) for camera in config["cameras"]}
+    with pytest.raises(ShapeError, match=r"uint8, found dtype float64"):
+        Planner.load(tmp_path / "p.safetensors").plan(pictures)

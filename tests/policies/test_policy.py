@@ -1,11 +1,15 @@
+import json
+from dataclasses import MISSING
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load, save
 
 from ocplanner import Policy
-from ocplanner.errors import MismatchError, ModelFileError, ShapeError
+from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, ShapeError
+from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.policies.network import make_network
 from ocplanner.policies.observation import Observation
 from ocplanner.policies.policy import save_policy
@@ -170,3 +174,52 @@ def test_files_of_format_1_act_as_they_did(algorithm, expected):
     for _ in range(5):
         action = policy.act({key: rng.uniform(size=(1, width)) for key, width in (WIDTHS | {"ocp_hint": 13}).items()})
     np.testing.assert_allclose(action[0], expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_that_are_not_finite_are_refused(small, tmp_path, value):
+    config = small("bc")
+    actor = make_network(config, 23, 7).eval()
+    with torch.no_grad():
+        next(iter(actor.parameters())).view(-1)[3] = value
+    save_policy(actor, header_of(config), tmp_path / "policy.safetensors")
+    with pytest.raises(ModelFileError, match=r"policy\.safetensors.* holds NaN or infinity"):
+        Policy.load(tmp_path / "policy.safetensors")
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_observations_that_are_not_finite_are_refused_and_forgotten(saved, value):
+    policy = Policy.load(saved("bc-rnn")[0])
+    policy.act(seen(seed=1))
+    expected = policy.act(seen(seed=2))
+    policy.reset(0)
+    policy.act(seen(seed=1))
+    wrong = seen(seed=5)
+    wrong["robot0_eef_pos"][1, 2] = value
+    with pytest.raises(InvalidValueError, match="observation robot0_eef_pos holds NaN or infinity in row 1"):
+        policy.act(wrong)
+    np.testing.assert_array_equal(policy.act(seen(seed=2)), expected)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5])
+def test_seeds_of_an_episode_are_checked(saved, seed):
+    with pytest.raises(InvalidValueError, match=f"seed is {seed}"):
+        Policy.load(saved()[0]).reset(seed)
+
+
+def test_a_header_that_lacks_a_field_names_it(saved):
+    path, _ = saved()
+    content = path.read_bytes()
+    size = int.from_bytes(content[:8], "little")
+    found = json.loads(content[8 : 8 + size])["__metadata__"]["ocplanner"]
+    for name, field in PolicyHeader.__dataclass_fields__.items():
+        if field.default is MISSING and field.default_factory is MISSING:
+            config = json.loads(found)["config"]
+            del config[name]
+            save_with(path, content, {**json.loads(found), "config": config})
+            with pytest.raises(ModelFileError, match=f"{name} is missing"):
+                Policy.load(path)
+
+
+def save_with(path: Path, content: bytes, told: dict) -> None:
+    path.write_bytes(save(load(content), metadata={"ocplanner": json.dumps(told)}))

@@ -8,17 +8,25 @@ and returns an instance with the defaults.
 import contextlib
 import importlib
 import io
+import multiprocessing
 import os
 import pkgutil
 import select
+import signal
 import sys
+import threading
 import traceback
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
 
-from ocplanner.errors import OcplannerError
+from ocplanner.errors import OcplannerError, WorkerError
+
+_INTERRUPTED = "interrupted; run the same command again to resume\n"
+_PATIENCE_S = 3.0
+"""How long compiled code may go on after a Ctrl-C."""
 
 
 def _commands() -> dict[str, Any]:
@@ -70,10 +78,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         parsed = _parse(arguments)
         debug = parsed.debug
-        parsed.command.run()
+        with _prompt_interrupts():
+            parsed.command.run()
         sys.stdout.flush()
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; run the same command again to resume\n")
+        sys.stderr.write(_INTERRUPTED)
         return 130
     except Exception as error:
         if isinstance(error, BrokenPipeError) and _output_is_closed():
@@ -82,8 +91,55 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+@contextlib.contextmanager
+def _prompt_interrupts() -> Iterator[None]:
+    """End the process if Ctrl-C is not heard for seconds, because compiled code computes on.
+
+    Nothing is lost that a later Ctrl-C would keep: files appear whole, and locks end with the process.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler or not _is_main_thread():
+        yield  # ignored, as in a shell's background job, or handled by a program that calls us
+        return
+    heard, over, (reading, writing) = threading.Event(), False, os.pipe()
+    os.set_blocking(writing, False)
+
+    def hear(*_: object) -> None:
+        heard.set()
+        raise KeyboardInterrupt
+
+    def watch() -> None:
+        while received := os.read(reading, 1):
+            if received[0] == signal.SIGINT and not heard.wait(_PATIENCE_S) and not over:
+                for child in multiprocessing.active_children():
+                    child.kill()
+                os.write(2, _INTERRUPTED.encode())
+                os._exit(130)
+            heard.clear()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    signal.signal(signal.SIGINT, hear)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        over = True
+        heard.set()
+        signal.set_wakeup_fd(before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        os.close(writing)
+        watcher.join()
+        os.close(reading)
+
+
+def _is_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 def _report(error: Exception, *, debug: bool) -> int:
     """Print an error and return the exit status."""
+    if isinstance(error, MemoryError):
+        error = WorkerError(f"not enough memory ({error}); use fewer workers, a smaller batch or a smaller data set")
     expected = isinstance(error, OcplannerError)
     if debug:
         traceback.print_exception(error)

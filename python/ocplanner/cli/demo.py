@@ -48,6 +48,8 @@ class Demo:
     def run(self) -> None:
         """Run the steps that are not done yet."""
         robot_spec(self.robot)
+        training = self._training()  # wrong settings are errors before anything is made
+        collecting = CollectSettings(episodes=self.demonstrations, seed=self.seed) if self.data is None else None
         self._inputs().claim(self.out)
         console = Console()
         console.rule("1/6 this machine")
@@ -55,9 +57,8 @@ class Demo:
 
         console.rule("2/6 demonstrations")
         data = self.data or self.out / "demonstrations.hdf5"
-        if self.data is None and not data.exists():
-            settings = CollectSettings(episodes=self.demonstrations, seed=self.seed)
-            Collect(out=data, settings=settings, workers=WorkerSettings(self.workers)).run()
+        if collecting is not None and not data.exists():
+            Collect(out=data, settings=collecting, workers=WorkerSettings(self.workers)).run()
         console.print(str(data), soft_wrap=True)
 
         console.rule("3/6 images")
@@ -71,7 +72,7 @@ class Demo:
         run = self.out / "planner"
         planner = run / FILE_NAME
         if not planner.exists():
-            TrainPlanner(images, run, self._training()).run()
+            TrainPlanner(images, run, training).run()
 
         console.rule(f"5/6 zero-shot on {self.robot}")
         result = self.out / f"{self.robot.lower()}.json"

@@ -13,6 +13,7 @@ from ocplanner.reproduction import encoders, experiments, held_out, policy_exper
 from ocplanner.reproduction.experiments import PlannerExperiment
 from ocplanner.reproduction.markdown_tables import write_tables
 from ocplanner.reproduction.policy_tables import TABLES, PolicyTable
+from ocplanner.settings import require_seed
 from ocplanner.versions import running_command
 
 
@@ -69,6 +70,8 @@ class Reproduce:
                 "say what to remake: planners, zero-shot, matrix, pose-noise, encoders or tables, or --table 1 or 2, "
                 "or --figure 4 to 8"
             )
+        for seed in self.seeds:
+            require_seed(seed, "seeds")
         console = Console()
         parts = {
             "planners": self._planners,

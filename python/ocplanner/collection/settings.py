@@ -9,7 +9,7 @@ from ocplanner.envs.visuals import MASK_RGB, Observe, Visual
 from ocplanner.errors import InvalidValueError
 from ocplanner.files.records.render import RenderRecord
 from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED
-from ocplanner.settings import build, require, require_choice
+from ocplanner.settings import build, require, require_choice, require_names
 from ocplanner.versions import installed
 
 Flaw = Literal["early-release", "misjudged-goal"]
@@ -93,7 +93,8 @@ class RenderSettings:
         require_choice("observation", self.observe, Observe)
         require_choice("choice of frames", self.frames, FrameChoice)
         require_choice("visual preset", self.visual, Visual)
-        for name in self.silhouettes or ():
+        require_names("cameras", self.cameras)
+        for name in require_names("silhouettes", self.silhouettes or ()):
             robot_spec(name)
         if self.silhouettes and self.observe != "masked":
             raise InvalidValueError(f"silhouettes need observe=masked, not observe={self.observe}")

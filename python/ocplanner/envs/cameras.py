@@ -1,6 +1,7 @@
 """The cameras of one environment and their images."""
 
 import re
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,25 @@ from ocplanner.envs.rendering import Renderer
 from ocplanner.envs.simulator import mujoco
 from ocplanner.envs.visuals import MASK_RGB, OBSERVE_MODES, VisualPreset
 from ocplanner.errors import UnknownNameError
+from ocplanner.settings import require
 
 _VISUAL_GROUP = 1
 _ROBOT = re.compile(r"(robot|gripper)\d+_")
+
+
+MOST_PIXELS = 2048
+"""The longest side of a picture."""
+
+
+def require_size(name: str, size: int) -> int:
+    """Check a picture's side.
+
+    Raises:
+        InvalidValueError: it is no whole number of pixels that can be drawn.
+    """
+    drawable = isinstance(size, Integral) and 1 <= size <= MOST_PIXELS
+    require(drawable, f"{name} is {size!r}, but must be 1 to {MOST_PIXELS} pixels")
+    return int(size)
 
 
 class Cameras:
@@ -80,7 +97,7 @@ class Cameras:
         self._renderers.clear()
 
     def _renderer(self, width: int, height: int) -> Renderer:
-        size = (width, height)
+        size = (require_size("width", width), require_size("height", height))
         if size not in self._renderers:
             geoms = robot_geoms(self._model)
             self._renderers[size] = Renderer(self._model, self._data, width, height, self._preset, geoms)

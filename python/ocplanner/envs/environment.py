@@ -6,7 +6,7 @@ import numpy as np
 
 from ocplanner.envs import CONTROL_HZ, CONTROL_RANGE_HZ, ControlLoop
 from ocplanner.envs.arms import RobotArm
-from ocplanner.envs.cameras import Cameras
+from ocplanner.envs.cameras import Cameras, require_size
 from ocplanner.envs.kinematics import reach
 from ocplanner.envs.native_control import attach
 from ocplanner.envs.patches import check_patches
@@ -19,7 +19,7 @@ from ocplanner.envs.tasks import task as task_of_name
 from ocplanner.envs.visuals import Observe, visual_preset
 from ocplanner.errors import ShapeError
 from ocplanner.geometry.pose import Pose
-from ocplanner.settings import require, require_choice
+from ocplanner.settings import require, require_choice, require_finite, require_names, require_seed
 
 _RESTARTS = 6
 
@@ -53,7 +53,7 @@ class ManipulationEnv:
 
     Raises:
         UnknownNameError: a name is not known; the message lists the known ones.
-        InvalidValueError: the simulation cannot be controlled so often or so rarely.
+        InvalidValueError: a number is out of range, or one text is given in place of several names.
     """
 
     def __init__(
@@ -78,13 +78,15 @@ class ManipulationEnv:
         require_choice("control loop", control, ControlLoop)
         self.task = task = task_of_name(task) if isinstance(task, str) else task
         self.robot = robot = robot_spec(robot) if isinstance(robot, str) else robot
-        self.cameras = task.cameras if cameras is None else tuple(cameras)
-        self.image_size = image_size
+        self.cameras = task.cameras if cameras is None else require_names("cameras", cameras)
+        self.image_size = require_size("image_size", image_size)
         self.visual = visual_preset(visual)
         self.observe_mode = observe
-        self.patches = robot.patches if patches is None else tuple(patches)
+        self.patches = robot.patches if patches is None else require_names("patches", patches)
         self.horizon = task.horizon if horizon is None else horizon
         self.control_freq = control_freq
+        require(self.horizon >= 1, f"horizon is {self.horizon}, but must be at least 1")
+        require_seed(seed)
         self.steps = 0
         check_patches(self.patches)
         self._env = build_robosuite_env(task, robot, self.visual, self.patches, seed, control_freq)
@@ -130,7 +132,12 @@ class ManipulationEnv:
         return self._env.action_dim
 
     def reset(self, seed: int) -> None:
-        """Start the episode of a seed; it is always the same for the same seed."""
+        """Start the episode of a seed; it is always the same for the same seed.
+
+        Raises:
+            InvalidValueError: the seed is negative, larger than 2**63 - 1 or no whole number.
+        """
+        seed = require_seed(seed)
         self._env.rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
         self._env.reset()
         self.steps = 0
@@ -145,10 +152,12 @@ class ManipulationEnv:
 
         Raises:
             ShapeError: the action has another shape.
+            InvalidValueError: a number is NaN or infinite; nothing has moved.
         """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.action_dim,):
             raise ShapeError(f"an action of {self.task.name} has shape {action.shape}, expected ({self.action_dim},)")
+        require_finite("an action", action)
         if self._control is None:
             self._env.step(action)
         else:
@@ -220,6 +229,7 @@ class ManipulationEnv:
 
         Raises:
             ShapeError: the row belongs to another arm or task.
+            InvalidValueError: a number is NaN or infinite; nothing has moved.
         """
         state = np.asarray(state, dtype=np.float64)
         length = 1 + self.model.nq + self.model.nv
@@ -227,11 +237,17 @@ class ManipulationEnv:
             raise ShapeError(
                 f"a state of {self.task.name} with {self.robot.name} has shape {state.shape}, expected ({length},)"
             )
+        require_finite("a state", state)
         self.sim.set_state_from_flattened(state)
         self._forward()
 
     def place_object(self, pose: Pose, name: str | None = None) -> None:
-        """Place an object at a pose, at rest."""
+        """Place an object at a pose, at rest.
+
+        Raises:
+            InvalidValueError: a number is NaN or infinite; nothing has moved.
+        """
+        require_finite("a pose", np.append(pose.position, pose.rotation))
         _, address, joint = self._objects[self.task.object(name).name]
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, np.asarray(pose.rotation, dtype=np.float64).flatten())
@@ -264,6 +280,7 @@ class ManipulationEnv:
         Returns:
             The remaining error in metres, a radian counted as 0.1 m.
         """
+        require_finite("a pose", np.append(pose.position, pose.rotation))
         joints = self.arms[arm].joints
         noise = np.random.default_rng(0).normal(0.0, 0.5, (restarts, len(joints.home)))
         starts = [self.data.qpos[joints.qpos].copy(), joints.home, *(joints.home + noise)]

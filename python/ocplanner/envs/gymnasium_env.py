@@ -13,6 +13,7 @@ from gymnasium import spaces
 from ocplanner.envs.environment import make_env
 from ocplanner.errors import UnknownNameError
 from ocplanner.geometry.rotation import rotation_to_6d
+from ocplanner.settings import require_seed
 
 _FARTHEST_M = 20.0
 _WIDEST_M = 0.5
@@ -88,6 +89,7 @@ class GymnasiumEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode; a seed determines it and the following ones without a seed."""
+        seed = None if seed is None else require_seed(seed)
         super().reset(seed=seed, options=options)
         self.env.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         return self._observation(), {"success": False}

@@ -1,6 +1,7 @@
 """Drawing a MuJoCo scene into an array, off-screen."""
 
 import atexit
+import os
 import sys
 import weakref
 from typing import Any
@@ -20,6 +21,13 @@ _open: "weakref.WeakSet[Renderer]" = weakref.WeakSet()
 def _close_all() -> None:
     for renderer in list(_open):
         renderer.close()
+
+
+def _leave_to_parent() -> None:
+    """In a forked process: mujoco would end a display whose threads were not forked with it, and wait for them."""
+    egl = sys.modules.get("mujoco.egl")
+    if egl is not None:
+        atexit.unregister(egl.EGL.eglTerminate)
 
 
 class Renderer:
@@ -47,6 +55,8 @@ class Renderer:
         robot_geoms: np.ndarray,
     ) -> None:
         self._gl: Any = None
+        self._context: Any = None
+        self._owner = os.getpid()
         self.width = width
         self.height = height
         self._model = model
@@ -64,10 +74,12 @@ class Renderer:
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except Exception as error:  # each OpenGL backend raises its own classes
+            self.close()
             raise rendering_error(error) from error
         if not _open:
             # Registered after mujoco's own exit handler, so that this one runs first.
             atexit.register(_close_all)
+            os.register_at_fork(after_in_child=_leave_to_parent)
         _open.add(self)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite + 200)
@@ -127,13 +139,16 @@ class Renderer:
         return self._robot_segments()[drawn]
 
     def close(self) -> None:
-        """Free the OpenGL context."""
+        """Free the OpenGL context, in the process that made it."""
         if self._gl is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._gl = None
+            gl, self._gl = self._gl, None
             _open.discard(self)
+            if self._owner != os.getpid():  # after a fork: the context is the parent's, and its threads are not here
+                return
+            if self._context is not None:
+                gl.make_current()
+                self._context.free()
+            gl.free()
 
     def __del__(self) -> None:
         """Free the context while it is current; mujoco's destructor would free another context's objects."""

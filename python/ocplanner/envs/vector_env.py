@@ -17,6 +17,7 @@ from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
 from ocplanner.errors import InvalidValueError, ShapeError, UnknownNameError, WorkerError
 from ocplanner.rollouts.worker import Worker, serve
+from ocplanner.settings import require_seed
 
 _TRIES = 3
 
@@ -92,6 +93,9 @@ class ProcessVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray])
             ShapeError: the seeds or the mask do not have one entry for each environment.
         """
         seeds = [seed + index for index in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
+        for each in seeds or ():
+            if each is not None:
+                require_seed(each)
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, dtype=np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             raise ShapeError(f"reset_mask must be ({self.num_envs},) bool, not {mask.shape} {mask.dtype}")

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ocplanner.files.records.planner import EncoderType, Observe, Outputs, Pool
-from ocplanner.settings import require, require_choice
+from ocplanner.settings import require, require_choice, require_names, require_seed
 from ocplanner.training.schedule import StageConfig
 
 Preset = Literal["cpu", "robomimic"]
@@ -216,6 +216,7 @@ class PlannerTraining:
         require_choice("preset", self.preset, Preset)
         require_choice("observe", self.observe, Observe)
         require_choice("keep", self.keep, Kept)
+        require_names("cameras", self.cameras)
         require(
             len(self.cameras) > 0 and len(set(self.cameras)) == len(self.cameras), "name each camera once, at least one"
         )
@@ -223,7 +224,7 @@ class PlannerTraining:
             min(self.validate_every, self.checkpoint_every, self.threads) >= 1,
             "intervals and threads must be at least 1",
         )
-        require(self.seed >= 0, f"seed {self.seed} must not be negative")
+        require_seed(self.seed)
         require(min(self.vae.steps, self.predictor.steps) >= 1, "the VAE and the predictor need at least 1 step")
         unused = self.keep == "finetune" and self.finetune.steps == 0
         require(not unused, "keep=finetune needs finetune steps")

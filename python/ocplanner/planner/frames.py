@@ -17,6 +17,7 @@ from ocplanner.envs.tasks import tasks
 from ocplanner.errors import DatasetError, MismatchError, UnknownNameError
 from ocplanner.files.records.render import RenderRecord
 from ocplanner.planner.config import PlannerTraining
+from ocplanner.settings import require
 
 VALID_SHARE = 0.1
 """Share of demonstrations held out when the data set has no mask/train and mask/valid."""
@@ -144,6 +145,11 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
             gripper or scene was recorded than is simulated.
         UnknownNameError: the task has no object of the configuration's name.
     """
+    longest, horizon = max(demo.length for demo in demos), config.network.horizon
+    require(
+        horizon <= longest,
+        f"horizon is {horizon}, but the longest demonstration of {demos.path} has {longest} steps: plan no more",
+    )
     render = demos.render_record or RenderRecord()
     observe = config.observe
     remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"

@@ -26,7 +26,7 @@ from ocplanner.planner.planner import FILE_NAME
 from ocplanner.planner.stages import STAGES, Material, Stage
 from ocplanner.progress import TrainingProgress
 from ocplanner.settings import to_dict
-from ocplanner.training.memory import keep_freed_memory
+from ocplanner.training.memory import enough_memory, keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder, Optimisation
 from ocplanner.training.run_folder import RunFolder, check_run_folder
 from ocplanner.training.schedule import learning_rate
@@ -184,14 +184,16 @@ class _Training:
     def _step(self, stage: Stage, optimisation: Optimisation, order: BatchOrder, index: int, step: int) -> float:
         rng = np.random.default_rng([self.config.seed, index, 1, step])
         stage.module.train()
-        loss = stage.loss(order.rows(step), rng)
+        with enough_memory(order.batch):
+            loss = stage.loss(order.rows(step), rng)
         value = float(loss.detach())
         if not math.isfinite(value):
             raise TrainingError(
                 f"the {stage.name} loss is {value} at step {step + 1}; lower its learning rate "
                 f"({stage.config.learning_rate:g}), or look for damaged poses in the data"
             )
-        optimisation.step(loss, step)
+        with enough_memory(order.batch):
+            optimisation.step(loss, step)
         return value
 
     def _validate(self, stage: Stage, optimisation: Optimisation, step: int, loss: float) -> None:

@@ -12,7 +12,7 @@ from tyro.conf import Fixed, FlagCreatePairsOff, Suppress, arg
 
 from ocplanner.planner.config import EncoderConfig
 from ocplanner.policies.algorithms import ALGORITHMS, AlgorithmSettings, find_algorithm
-from ocplanner.settings import build, require, require_choice
+from ocplanner.settings import build, require, require_choice, require_names, require_seed
 from ocplanner.training.schedule import Schedule, learning_rate
 
 ObservationKind = Literal["state", "image"]
@@ -101,7 +101,7 @@ class ObservationConfig:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        named = (*self.low_dim, *self.cameras)
+        named = (*require_names("low_dim", self.low_dim), *require_names("cameras", self.cameras))
         require(len(named) > 0, "name at least one observation")
         require(len(set(named)) == len(named), f"observations {named}: name each once")
         require(0 < self.crop <= self.image_size, f"crop {self.crop} must lie in 1..{self.image_size} pixels")
@@ -215,7 +215,7 @@ class PolicyTraining:
         require(self.weight_decay >= 0 and self.warmup >= 0, "weight decay and warm-up must not be negative")
         require(self.clip is None or self.clip > 0, f"clip {self.clip} must be positive, or None")
         require(0 <= self.ema < 1, f"ema {self.ema} must lie in [0, 1)")
-        require(self.seed >= 0, f"seed {self.seed} must not be negative")
+        require_seed(self.seed)
 
 
 def preset(name: str, algorithm: str = "bc", kind: str = "state") -> PolicyTraining:

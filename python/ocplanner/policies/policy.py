@@ -13,7 +13,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save
 from torch import Tensor
 
-from ocplanner.errors import MismatchError, ModelFileError, ShapeError
+from ocplanner.errors import InvalidValueError, MismatchError, ModelFileError, ShapeError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.files.records.policy import PolicyHeader
 from ocplanner.files.storage import atomic_write
@@ -21,6 +21,7 @@ from ocplanner.policies.action_range import unscaled
 from ocplanner.policies.config import HINT_KEY, POLICY_FILE, PolicyTraining, training_from_dict
 from ocplanner.policies.network import PolicyNetwork, make_network
 from ocplanner.policies.observation import Observation, cropped, low_dim_row
+from ocplanner.settings import require_seed
 
 
 def save_policy(network: PolicyNetwork, header: PolicyHeader, path: Path) -> None:
@@ -87,9 +88,13 @@ class Policy:
             ) from error
 
     def reset(self, seed: int) -> None:
-        """Begin an episode: forget what was seen, and draw actions from this seed."""
+        """Begin an episode: forget what was seen, and draw actions from this seed.
+
+        Raises:
+            InvalidValueError: the seed is negative, larger than 2**63 - 1 or no whole number.
+        """
         self._memory: Any = None
-        self._generator = torch.Generator().manual_seed(seed)
+        self._generator = torch.Generator().manual_seed(require_seed(seed))
 
     def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Draw actions, clipped to [-1, 1], or to the range of the recorded ones where those are in other units.
@@ -103,6 +108,7 @@ class Policy:
         Raises:
             MismatchError: an observation is missing.
             ShapeError: an array has the wrong shape.
+            InvalidValueError: a number is NaN or infinite.
         """
         seen = self._tensors(observation)
         with torch.inference_mode():
@@ -120,6 +126,8 @@ class Policy:
         low_dim = low_dim_row(observation, seen.low_dim)
         if low_dim.ndim != 2 or low_dim.shape[1] != self.header.low_dim:
             raise ShapeError(f"observations {seen.low_dim}: {low_dim.shape}, expected (B, {self.header.low_dim})")
+        for key in seen.low_dim:
+            _check_finite(key, np.asarray(observation[key]))
         images: dict[str, Tensor] = {}
         for name in seen.cameras:
             image = np.asarray(observation[f"{name}_image"])
@@ -128,6 +136,8 @@ class Policy:
                 raise ShapeError(f"{name}_image: {image.dtype} {image.shape}, expected uint8 (B, {size}, {size}, 3)")
             images[name] = cropped(image, seen.crop, None)
         hint = observation.get(HINT_KEY) if self.training.network.hint is not None else None
+        if hint is not None:
+            _check_finite(HINT_KEY, np.asarray(hint))
         tensor = None if hint is None else torch.from_numpy(np.asarray(hint, dtype=np.float32))
         return Observation(torch.from_numpy(low_dim), images, tensor)
 
@@ -150,6 +160,14 @@ def _check_sizes(training: PolicyTraining, header: PolicyHeader, tensors: Mappin
         sizes = [tuple(found[name].shape) if name in found else None for found in (wanted, tensors)]
         if sizes[0] != sizes[1]:
             raise ValueError(f"{name} is {sizes[1]} in it, but {sizes[0]} by its configuration")
+        if not torch.isfinite(tensors[name]).all():
+            raise ValueError(f"{name} holds NaN or infinity: its training went wrong, or the file is damaged")
+
+
+def _check_finite(key: str, values: np.ndarray) -> None:
+    if not np.isfinite(values).all():
+        row = int(np.argwhere(~np.isfinite(values))[0][0])
+        raise InvalidValueError(f"observation {key} holds NaN or infinity in row {row}: check the sensor, then act")
 
 
 def _found(path: Path, error: Exception) -> str:

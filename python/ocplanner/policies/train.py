@@ -55,7 +55,7 @@ from ocplanner.policies.policy import Policy, save_policy
 from ocplanner.policies.transitions import load_transitions
 from ocplanner.progress import TrainingProgress
 from ocplanner.settings import require, to_dict
-from ocplanner.training.memory import keep_freed_memory
+from ocplanner.training.memory import enough_memory, keep_freed_memory
 from ocplanner.training.optimisation import BatchOrder
 from ocplanner.training.run_folder import RunFolder, check_run_folder
 from ocplanner.versions import installed
@@ -390,7 +390,8 @@ class _Training:
 
     def _step(self, rows: np.ndarray, step: int) -> dict[str, float]:
         train = self.train
-        seen = self.learner.step(train, rows, step)
+        with enough_memory(self.config.batch):
+            seen = self.learner.step(train, rows, step)
         numbers = torch.stack(list(seen.values()))
         if self.fabric.world_size > 1:
             numbers = self.fabric.all_reduce(numbers, reduce_op="mean")

@@ -3,6 +3,7 @@
 import contextlib
 import multiprocessing
 import os
+import signal
 import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -28,7 +29,12 @@ class Worker:
         spawn = multiprocessing.get_context("spawn")
         self.channel, theirs = spawn.Pipe()
         self._process = spawn.Process(target=_run, args=(target, theirs, *arguments), daemon=True)
-        self._process.start()
+        # A Ctrl-C reaches all processes of a terminal; this one stops its workers, which inherit the mask.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
 
     @property

@@ -1,6 +1,10 @@
-"""Keeps the memory that training steps allocate and free again and again."""
+"""Keeps the memory that training steps allocate and free again and again, and says so where it does not suffice."""
 
+import contextlib
 import ctypes
+from collections.abc import Iterator
+
+from ocplanner.errors import TrainingError
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """glibc's M_TRIM_THRESHOLD and M_MMAP_THRESHOLD."""
@@ -22,3 +26,22 @@ def keep_freed_memory() -> bool:
         return False
     largest = 32 << 20  # the largest value that glibc accepts on 64-bit machines
     return bool(mallopt(_MMAP_THRESHOLD, largest)) and bool(mallopt(_TRIM_THRESHOLD, 2**31 - 1))
+
+
+@contextlib.contextmanager
+def enough_memory(batch: int) -> Iterator[None]:
+    """Say what to do if a training step finds too little memory.
+
+    Raises:
+        TrainingError: it does.
+    """
+    try:
+        yield
+    except (MemoryError, RuntimeError) as error:
+        text = str(error)
+        if not isinstance(error, MemoryError) and "allocate memory" not in text and "out of memory" not in text:
+            raise
+        raise TrainingError(
+            f"not enough memory for a batch of {batch} ({text.splitlines()[0] if text else 'MemoryError'}); give a "
+            "smaller batch, or free some memory; the run continues from its last checkpoint only with the same batch"
+        ) from error

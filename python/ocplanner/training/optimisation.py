@@ -7,6 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ocplanner.settings import require
+
 CLIP = 10.0
 """Largest norm of a planner's gradient."""
 
@@ -30,10 +32,20 @@ class OptimisationConfig(Protocol):
         ...
 
 
+_ALWAYS_ALLOWED = 1024
+"""A batch of so many may be drawn from fewer samples, which then count several times."""
+
+
 class BatchOrder:
-    """The frames that each step reads: a new permutation in each epoch, determined by (seed, step) alone."""
+    """The frames that each step reads: a new permutation in each epoch, determined by (seed, step) alone.
+
+    Raises:
+        InvalidValueError: the batch is far larger than what there is.
+    """
 
     def __init__(self, count: int, batch: int, seed: tuple[int, ...]) -> None:
+        most = max(count, _ALWAYS_ALLOWED)
+        require(batch <= most, f"batch is {batch}, but there are {count} samples to learn from: give at most {most}")
         self.count, self.batch, self.seed = count, batch, seed
         self._epoch: tuple[int, np.ndarray] | None = None
 

@@ -12,6 +12,7 @@ from ocplanner.files.storage import check_output, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import WorkerSettings
+from ocplanner.settings import require_names
 from ocplanner.versions import running_command
 from ocplanner.zero_shot.result import Matrix, TransferResult, read_result, read_results
 from ocplanner.zero_shot.settings import TransferConfig
@@ -118,7 +119,7 @@ def transfer_matrix(
         OcplannerError: as :func:`ocplanner.zero_shot.transfer.transfer` does.
     """
     out, workers, progress = Path(out), workers or WorkerSettings(), progress or MatrixProgress()
-    seeds = seeds_of(episodes)
+    seeds, robots = seeds_of(episodes), require_names("robots", robots)
     setups = [TransferSetup.of(planner, robot, config) for planner in planners for robot in dict.fromkeys(robots)]
     check_output(out, overwrite, "JSON result", (path for setup in setups for path in setup.planners), resumed=True)
     with locked(out):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from ocplanner.errors import InvalidValueError
 from ocplanner.files.journal import Journal
-from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.records.episode import MOST_EPISODES, EpisodeResult
 from ocplanner.files.storage import check_output, locked
 from ocplanner.planner.planner import Planner
 from ocplanner.rollouts.episodes import run_episodes
 from ocplanner.rollouts.settings import FIRST_EVALUATION_SEED, WorkerSettings
-from ocplanner.settings import require
+from ocplanner.settings import require, require_seed
 from ocplanner.zero_shot.result import TransferResult, with_episodes
 from ocplanner.zero_shot.settings import TransferConfig
 from ocplanner.zero_shot.setup import EpisodeRunner, TransferSetup
@@ -71,10 +71,13 @@ def seeds_of(episodes: int | Sequence[int], start: int = FIRST_EVALUATION_SEED) 
         start: seed of the first of so many.
 
     Raises:
-        InvalidValueError: there are none.
+        InvalidValueError: there are none or too many, or one is negative or no whole number.
     """
-    seeds = range(start, start + episodes) if isinstance(episodes, int) else episodes
+    seeds = range(start, start + max(episodes, 0)) if isinstance(episodes, int) else episodes
     require(len(seeds) > 0, f"episodes is {episodes}, but must be at least 1")
+    require(len(seeds) <= MOST_EPISODES, f"episodes is {episodes}, but must be at most {MOST_EPISODES}")
+    for seed in (seeds[0], seeds[-1]) if isinstance(seeds, range) else seeds:
+        require_seed(seed)
     return seeds
 
 

@@ -3,6 +3,9 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+MOST_EPISODES = 1_000_000
+"""More of one evaluation or transfer are taken for a mistake."""
+
 
 @dataclass(frozen=True)
 class EpisodeResult:

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ocplanner.errors import ResultFileError
-from ocplanner.files.records.episode import EpisodeResult
+from ocplanner.files.records.episode import MOST_EPISODES, EpisodeResult
 from ocplanner.files.records.labels import LabelRecord
 from ocplanner.files.storage import atomic_json
-from ocplanner.settings import build, require, to_dict
+from ocplanner.settings import build, require, require_seed, to_dict
 
 FORMAT = 2
 """Format 1 has no ``format``, ``privileged`` and ``settings``; some settings are keys of their own."""
@@ -44,6 +44,8 @@ class EvaluationSettings:
         for name in ("episodes", "last", "horizon"):
             value = getattr(self, name)
             require(value is None or value >= 1, f"{name} is {value}, but must be at least 1")
+        require(self.episodes <= MOST_EPISODES, f"episodes is {self.episodes}, but must be at most {MOST_EPISODES}")
+        require_seed(self.seed_start, "seed_start")
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,8 @@ class PolicyHeader:
         ranges = self.action_range
         fits = ranges is None or (len(ranges) == self.actions and all(least < most for least, most in ranges))
         require(fits, f"action_range {ranges} does not give least < most for each of {self.actions} numbers")
+        for name, least in (("low_dim", 0), ("actions", 1), ("step", 0)):
+            require(getattr(self, name) >= least, f"{name} is {getattr(self, name)}, but must be at least {least}")
         scaled = (self.action_frame is None) == (self.action_scale is None)
         require(scaled, f"action_frame is {self.action_frame!r}, but action_scale is {self.action_scale!r}")
 
