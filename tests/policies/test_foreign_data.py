@@ -166,3 +166,18 @@ def test_a_camera_that_the_task_lacks_is_refused_before_training(changed, small,
 
     with pytest.raises(MismatchError, match=r"cannot be had live: unknown camera 'kitchen'.*--cameras"):
         train_policy(small(cameras=("kitchen",)), changed(rename, images=True), tmp_path / "run")
+
+
+def test_states_of_another_recording_or_arm_are_refused(changed, small):
+    def shifted(file):
+        for demo in file["data"].values():
+            demo["states"][:, 10] += 0.01
+            demo["obs/object"][:, :3] += [0.01 + 2e-3, 0, 0]
+
+    def another_arm(file):
+        env_kwargs(file, robots=["UR5e"])
+
+    with pytest.raises((DatasetError, MismatchError), match=r"SquareNut|free joint"):
+        read(small(), changed(shifted))
+    with pytest.raises((DatasetError, MismatchError)):
+        read(small(), changed(another_arm))

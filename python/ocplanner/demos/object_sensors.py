@@ -129,7 +129,7 @@ def object_order(demos: "Demonstrations", name: str) -> Order:
 
 def rearranged(seen: np.ndarray, found: Sensors, wanted: Sensors) -> np.ndarray:
     """``object`` (T, D) with the sensors ``found``, as the one with the sensors ``wanted`` of the same environment."""
-    columns = _columns(seen, found)
+    columns = sensor_columns(seen, found)
     values = {sensor.lstrip("-"): (-part if sensor.startswith("-") else part) for sensor, part in columns.items()}
     parts = (-values[sensor[1:]] if sensor.startswith("-") else values[sensor] for sensor in wanted)
     return np.concatenate(list(parts), axis=1)
@@ -166,7 +166,7 @@ def _fitting(demo: "Demonstration", seen: np.ndarray, known: Mapping[Order, Sens
         return None
     hand = (demo.eef_positions, demo.observation("robot0_eef_quat"))
     try:
-        return [order for order, sensors in known.items() if _consistent(_columns(seen, sensors), *hand)]
+        return [order for order, sensors in known.items() if _consistent(sensor_columns(seen, sensors), *hand)]
     except InvalidValueError as error:
         raise ObjectLayoutError(f"{demo!r}: obs/robot0_eef_quat: {error}; {_REMEDY}") from error
 
@@ -194,7 +194,8 @@ def _consistent(columns: Mapping[str, np.ndarray], eef_pos: np.ndarray, eef_quat
     return True
 
 
-def _columns(seen: np.ndarray, sensors: Sensors) -> dict[str, np.ndarray]:
+def sensor_columns(seen: np.ndarray, sensors: Sensors) -> dict[str, np.ndarray]:
+    """``object`` (T, D) cut into its sensors, each (T, 1 to 4) float64."""
     ends = np.cumsum([_width(sensor) for sensor in sensors])
     return dict(zip(sensors, np.split(np.asarray(seen, dtype=np.float64), ends[:-1], axis=1)))
 

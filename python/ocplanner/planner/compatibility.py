@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.recorded_task import recorded_task
@@ -24,6 +25,12 @@ def check_fit(planner: Planner, demos: Demonstrations) -> None:
         raise MismatchError(
             f"{planner.path} plans for {header.object} of {header.task}, but {demos.path} shows "
             f"{demos.env_name}; use a planner of that task"
+        )
+    frequency = control_frequency(demos, demos.names[0])
+    if frequency != header.control_freq:
+        raise MismatchError(
+            f"{demos.path} was recorded at {frequency:g} Hz, but {planner.path} was trained on demonstrations of "
+            f"{header.control_freq:g} Hz; use a planner trained on demonstrations of {frequency:g} Hz"
         )
     remedy = _remedy(planner)
     missing = [camera for camera in header.cameras if camera not in demos.cameras]

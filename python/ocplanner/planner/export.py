@@ -137,6 +137,7 @@ def planner_header(config: PlannerTraining, provenance: Provenance) -> PlannerHe
         predictor=PredictorHeader(network.predictor_hidden),
         decoder=DecoderHeader(network.decoder_hidden),
         source_robot=settings.source_robot,
+        control_freq=settings.control_freq,
         seed=config.seed,
         versions=_versions(),
         training=TrainingHeader(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
@@ -134,6 +135,7 @@ class DataSettings(NamedTuple):
     visual: str | None
     mask_rgb: tuple[int, int, int] | None
     silhouettes: tuple[str, ...]
+    control_freq: float = 20.0
 
 
 def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSettings:
@@ -188,6 +190,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         visual=render.visual or measured_visual(demos, config.cameras),
         mask_rgb=render.mask_rgb if observe == "masked" else None,
         silhouettes=render.silhouettes,
+        control_freq=control_frequency(demos, demos.names[0]),
     )
 
 

@@ -13,6 +13,7 @@ import torch
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
+from ocplanner.envs import CONTROL_HZ
 from ocplanner.errors import InvalidValueError, RenderingError, TrainingError
 from ocplanner.files.records.metrics import HeldOutErrors, RunConfig, StepMetrics
 from ocplanner.files.storage import locked
@@ -58,6 +59,11 @@ def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadS
         settings = data_settings(demos, config)
         if settings.visual is None:
             settings = settings._replace(visual=_measured_visual(demos, config.cameras, progress.say))
+        if settings.control_freq != CONTROL_HZ:
+            progress.say(
+                f"warning: recorded at {settings.control_freq:g} Hz, and so are the plans, but `ocplanner transfer` "
+                f"carries out plans of {CONTROL_HZ:g} Hz alone"
+            )
         parts = split(demos, config.seed)
         progress.say(f"{len(parts.train)} demonstrations to train on, {len(parts.valid)} held out ({parts.source})")
         train = load_frames(demos, parts.train, config, settings.object_name, progress.say)

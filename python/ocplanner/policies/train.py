@@ -21,10 +21,12 @@ from torch.multiprocessing.spawn import ProcessException
 from ocplanner.demos.action_frame import ActionFrame, check_deltas
 from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.live_object import check_live_object
 from ocplanner.demos.object_sensors import OBJECT_SENSORS, object_order, sensors_of
 from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
+from ocplanner.envs.tasks import tasks
 from ocplanner.errors import (
     DatasetError,
     InvalidValueError,
@@ -205,13 +207,16 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
         valid = _load(demos, held_out, config, ranges) if held_out else None
         known = "object" in config.observation.low_dim and demos.env_name in OBJECT_SENSORS
         order = object_order(demos, names[0]) if known else None
+        sensors = None if order is None else sensors_of(demos.env_name, order)
+        if sensors is not None and demos.env_name in {task.env_name for task in tasks().values()}:
+            check_live_object(demos, names[0], sensors)
         render, warnings = _drawn(demos, names, config)
         header = PolicyHeader(
             task=demos.task_name,
             environment=demos.env_name or None,
             robots=tuple(demos.robots),
             object_layout=order,
-            object_sensors=None if order is None else sensors_of(demos.env_name, order),
+            object_sensors=sensors,
             action_frame=frame,
             action_scale=scale,
             action_range=ranges,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Self
 
 from ocplanner.control.noisy_mask import NoisyMask
+from ocplanner.envs import CONTROL_HZ
 from ocplanner.envs.environment import make_env
 from ocplanner.envs.robots import robot as robot_spec
 from ocplanner.envs.visuals import visual_preset
@@ -154,6 +155,12 @@ class EpisodeRunner:
 
 def _preset(planners: TaskPlanners, config: TransferConfig) -> str:
     """The visual preset to draw with: the planner's own, unless a mismatch is allowed."""
+    frequency = planners.header.control_freq
+    if frequency != CONTROL_HZ:
+        raise MismatchError(
+            f"{planners} was trained on demonstrations of {frequency:g} Hz, but plans are carried out at "
+            f"{CONTROL_HZ:g} Hz; train a planner on demonstrations of {CONTROL_HZ:g} Hz"
+        )
     trained, asked = planners.header.visual, config.visual
     wanted = asked or trained
     if wanted is None:

@@ -102,6 +102,7 @@ class PlannerHeader:
         predictor: the latent predictor.
         decoder: the trajectory decoder.
         source_robot: the robot of the demonstrations.
+        control_freq: steps of a plan a second, Hz; 20 in files that do not say.
         seed: of the training.
         versions: installed packages at training.
         training: how it was trained.
@@ -124,6 +125,7 @@ class PlannerHeader:
     predictor: PredictorHeader
     decoder: DecoderHeader
     source_robot: str | None = None
+    control_freq: float = 20.0
     seed: int | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     training: TrainingHeader = field(default_factory=TrainingHeader)
