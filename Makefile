@@ -14,6 +14,8 @@ unexport PYTHONDONTWRITEBYTECODE
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglib2.0-0 libosmesa6
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 WORKERS ?= 2
+# lerobot 0.6 needs this Python; where uv cannot fetch one, give the path of one.
+LEROBOT_PYTHON ?= 3.12
 WHEEL_MACHINES := x86_64 $(shell rustup target list --installed 2>/dev/null | sed -n 's/^aarch64-unknown-linux-gnu$$/aarch64/p')
 
 .PHONY: help setup system-libraries demo test test-rust test-python test-notebooks test-stubs test-wheel test-oldest test-lerobot wheel faults lint format docs bench bench-kernels fuzz clean
@@ -81,7 +83,7 @@ test-oldest: target/wheels/newest ## The same with the oldest dependencies that 
 
 # Apart, since lerobot and robosuite want different NumPys.
 .venv-lerobot/.complete: $(VENV)/.dependencies
-	$(BIN)/uv venv --quiet --allow-existing --python 3.12 .venv-lerobot
+	$(BIN)/uv venv --quiet --allow-existing --python $(LEROBOT_PYTHON) .venv-lerobot
 	$(BIN)/uv pip install --quiet --python .venv-lerobot/bin/python 'lerobot[dataset]==0.6.1'
 	@touch $@
 
