@@ -1,4 +1,5 @@
 import hashlib
+import os
 import signal
 import subprocess
 import sys
@@ -129,3 +130,15 @@ def test_too_little_memory_is_told(capsys, monkeypatch):
         "error: not enough memory (Unable to allocate 74.5 GiB); use fewer workers, a smaller batch or a smaller data "
         "set\n"
     )
+
+
+@pytest.mark.parametrize(("given", "used"), [({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "ACTIVE")])
+def test_threads_do_not_spin_unless_asked_to(given, used):
+    code = (
+        "from contextlib import suppress\nfrom ocplanner import cli\nwith suppress(SystemExit): cli.main(['--help'])\n"
+    )
+    kept = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    command = [sys.executable, "-c", f"{code}import torch"]
+    environment = {**kept, "OMP_DISPLAY_ENV": "TRUE", **given}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=True)
+    assert f"OMP_WAIT_POLICY = '{used}'" in done.stderr

@@ -75,6 +75,8 @@ def main(arguments: list[str] | None = None) -> int:
     An error becomes one line on standard error. The status is 2 for a user's error, 1 for an unexpected exception.
     """
     debug = False
+    # OpenMP reads this when torch loads. Threads that wait by spinning starve each other where other processes compute.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         parsed = _parse(arguments)
         debug = parsed.debug
