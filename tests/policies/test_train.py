@@ -9,7 +9,7 @@ import torch
 from safetensors.torch import load_file
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.errors import MismatchError, OutputError, TrainingError
+from ocplanner.errors import DatasetError, MismatchError, OutputError, TrainingError
 from ocplanner.files.records.labels import LABEL_ATTRIBUTE, LabelRecord
 from ocplanner.files.storage import locked
 from ocplanner.policies import train
@@ -243,3 +243,16 @@ def test_the_learning_rate_follows_its_schedule(small):
     assert max(values) < 1e-3
     assert values[4:] == sorted(values[4:], reverse=True)
     assert cosine.rate(20) == pytest.approx(0)
+
+
+def test_a_file_without_masks_is_trained_on_whole(tiny_square, small, tmp_path, capsys):
+    path = tmp_path / "unmasked.hdf5"
+    path.write_bytes(tiny_square().read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file["mask"]
+    found = train.read(small(), path)
+    assert len(found.train.names) == 4
+    assert found.valid is None
+    assert "has no masks: training on every demonstration" in capsys.readouterr().err
+    with pytest.raises(DatasetError, match="no such mask"):
+        train.read(small(mask="mine"), path)

@@ -62,6 +62,9 @@ from ocplanner.training.optimisation import BatchOrder
 from ocplanner.training.run_folder import RunFolder, check_run_folder
 from ocplanner.versions import installed
 
+_USUAL_MASK = PolicyTraining.mask
+"""Raw recordings have no masks, and their users name none."""
+
 _CHECKPOINT_SECONDS = 30.0
 """The most that a kill loses, beside ``checkpoint_every``."""
 
@@ -261,8 +264,9 @@ def _parts(demos: Demonstrations, config: PolicyTraining) -> tuple[list[str], li
     """The demonstrations to train on, and those held out; none are if it trains on all of them."""
     if config.mask is None:
         return list(demos.names), []
-    if not demos.mask_names:
-        raise DatasetError(f"{demos.path} has no masks: train on every demonstration (--mask all)")
+    if config.mask == _USUAL_MASK and not demos.mask_names:
+        _say(f"{demos.path} has no masks: training on every demonstration, none is held out")
+        return list(demos.names), []
     names = demos.mask(config.mask)
     held_out = demos.mask("valid") if "valid" in demos.mask_names else []
     both = sorted({*names} & {*held_out}, key=natural_key)
