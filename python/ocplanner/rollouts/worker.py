@@ -6,6 +6,7 @@ import os
 import signal
 import traceback
 from collections.abc import Callable
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -30,6 +31,7 @@ class Worker:
         self.channel, theirs = spawn.Pipe()
         self._process = spawn.Process(target=_run, args=(target, theirs, *arguments), daemon=True)
         # A Ctrl-C reaches all processes of a terminal; this one stops its workers, which inherit the mask.
+        resource_tracker.ensure_running()  # at its first start it unblocks the signal
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self._process.start()
