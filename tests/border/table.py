@@ -25,6 +25,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -70,7 +71,7 @@ class Bench:
         """A planner of the base, which has learned nothing."""
         if self._planner is None:
             run = self._folder / "planner"
-            code, text = call(["train-planner", *_train_planner(self.base.lift, run)])
+            code, text = call(["train-planner", *train_planner_flags(self.base.lift, run)])
             if code:
                 raise RuntimeError(text)
             self._planner = run / "planner.safetensors"
@@ -100,26 +101,31 @@ class Bench:
         commands = {
             "info": [str(path), "--json"],
             "convert": [str(work / "input.hdf5"), str(work / "converted.hdf5"), *odd.convert, *odd.reading],
-            "render": [str(path), str(rendered), *_render(), *odd.reading],
-            "train-planner": [*_train_planner(seen, run), *odd.reading],
+            "render": [str(path), str(rendered), *render_flags(), *odd.reading],
+            "train-planner": [*train_planner_flags(seen, run), *odd.reading],
             "label": [str(seen), str(work / "labelled.hdf5"), "--planner", str(self.planner), *odd.reading],
-            "train-policy": [*_train_policy(seen, policy), *odd.policy, *odd.reading],
+            "train-policy": [*train_policy_flags(seen, policy), *odd.policy, *odd.reading],
             "evaluate": ["--policy", str(policy), "--episodes", "1", "--horizon", "3"],
         }
         code, text = call([verb, *commands[verb]])
         said = shortened(text, self._folder) if verb != "info" or code else ""
         if code:
-            return {"answer": said}
+            return {"answer": said[said.find("error: ") :]}
         answer = {"answer": f"ok: {said}" if said else "ok"}
-        found = _found(verb, work, text)
+        found = _found(verb, work, _without_folders(text, self._folder))
         return answer | ({"found": found} if found else {})
 
 
 def call(arguments: list[str]) -> tuple[int, str]:
     """The exit status of a verb and what it said, in this process."""
     said = io.StringIO()
-    os.environ["COLUMNS"] = "2000"  # no line is broken
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _limited(), warnings.catch_warnings():
+    with (
+        contextlib.redirect_stdout(said),
+        contextlib.redirect_stderr(said),
+        mock.patch.dict(os.environ, COLUMNS="2000"),  # no line is broken
+        _limited(),
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore")
         try:
             code = ocplanner(arguments)
@@ -145,8 +151,7 @@ def _limited() -> Iterator[None]:
 
 def shortened(text: str, folder: Path) -> str:
     """What was said without progress, measured losses and the names of temporary folders, on one line."""
-    for place in (folder.resolve(), folder):
-        text = re.sub(re.escape(str(place)) + r"/(work|base)?/?", "", text)
+    text = _without_folders(text, folder)
     lines = [line.strip() for line in text.splitlines() if line.strip() and not _NOISE.search(line)]
     joined = " | ".join(lines)
     for varying, plain in _VARYING:
@@ -154,15 +159,21 @@ def shortened(text: str, folder: Path) -> str:
     return joined
 
 
-def _render() -> list[str]:
+def _without_folders(text: str, folder: Path) -> str:
+    for place in (folder.resolve(), folder):
+        text = re.sub(re.escape(str(place)) + r"/(work|base)?/?", "", text)
+    return text
+
+
+def render_flags() -> list[str]:
     return ["--size", str(SIZE), "--observe", "full", "--frames", "manipulation", "--workers", "1"]
 
 
-def _train_planner(data: Path, run: Path) -> list[str]:
+def train_planner_flags(data: str | Path, run: str | Path) -> list[str]:
     return ["--data", str(data), "--run", str(run), "--observe", "full", *_NETWORK, *_STAGES]
 
 
-def _train_policy(data: Path, run: Path) -> list[str]:
+def train_policy_flags(data: str | Path, run: str | Path) -> list[str]:
     steps = ["--steps", "2", "--save-every", "2", "--validate-every", "1"]
     return ["--data", str(data), "--run", str(run), *steps, "--hidden", "8"]
 
@@ -201,6 +212,7 @@ def _found(verb: str, work: Path, text: str) -> Found:
             drawn = {key: demo["obs/agentview_image"][:].any(axis=(1, 2, 3)) for key, demo in demos.items()}
             found["drawn"] = {key: int(rows.sum()) for key, rows in drawn.items()}
             found["risen cm"] = {key: _risen(demo, drawn[key]) for key, demo in demos.items()}
+            found["red pixels"] = {key: _red(demo["obs/agentview_image"][:][drawn[key]]) for key, demo in demos.items()}
         if verb == "label":
             found["held"] = {key: int(demo["obs/ocp_hint"][:, -1].sum()) for key, demo in demos.items()}
     return found
@@ -210,6 +222,12 @@ def _risen(demo: h5py.Group, rows: np.ndarray) -> float:
     """How far the cube rises in those rows, centimetres; from the states, which no observation can belie."""
     heights = demo["states"][:, 12][rows]
     return round(100 * float(np.ptp(heights)), 1) if len(heights) else 0.0
+
+
+def _red(images: np.ndarray) -> int:
+    """How many pixels the red cube covers, summed over the first five frames that were drawn."""
+    red, green, blue = np.moveaxis(images[:5].astype(int), -1, 0)
+    return int(np.sum((red > 2 * green) & (red > 2 * blue)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -29,7 +29,7 @@ def findings(demos: Demonstrations) -> list[str]:
     if sound:
         for look in (_of_origin, _of_actions, _of_pictures):
             found += look(demos, sound)
-    return found
+    return list(dict.fromkeys(found))  # one fault may be found on several ways
 
 
 def _readable(demos: Demonstrations) -> Callable[[Demonstration], None]:

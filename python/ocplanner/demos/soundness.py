@@ -53,6 +53,8 @@ def sound_names(
     sound = [name for name in names if name not in bad]
     lines = "".join(f"\n  {name}: {reason}" for name, reason in list(bad.items())[:_NAMED])
     more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
+    if not sound and len({*bad.values()}) == 1:
+        lines, more = f" {bad[names[0]]}", ""
     if not sound:
         raise DatasetError(f"{demos.path}: none of {len(names)} demonstrations can be used:{lines}{more}")
     if bad and not demos.reading.skip_bad:
@@ -68,6 +70,6 @@ def sound_names(
 
 def _reason(text: str, demos: Demonstrations, name: str) -> str:
     """An error without what the line that names the demonstration says already."""
-    for told in (f"{demos.path}: ", f"{demos[name]!r}: ", f"data/{name}/", f"{name}/"):
+    for told in (f"{demos.path}: ", f"{demos[name]!r}", ": ", " ", f"data/{name}/", f"{name}/"):
         text = text.removeprefix(told)
     return text.replace(_LEAVE_OUT, "")

@@ -11,7 +11,6 @@ from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.layouts import TASK_OBJECTS
-from ocplanner.demos.picture_check import measured_visual
 from ocplanner.demos.recorded_task import recorded_task
 from ocplanner.demos.soundness import sound_names
 from ocplanner.envs.tasks import tasks
@@ -143,8 +142,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
 
     Raises:
         DatasetError: its task is unknown, it has no images, or lacks a camera that the configuration names.
-        MismatchError: it was rendered in another observe mode or size, its pictures are upside down, or another arm,
-            gripper or scene was recorded than is simulated.
+        MismatchError: it was rendered in another observe mode or size.
         UnknownNameError: the task has no object of the configuration's name.
     """
     longest, horizon = max(demo.length for demo in demos), config.network.horizon
@@ -154,7 +152,10 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     )
     render = demos.render_record or RenderRecord()
     observe = config.observe
-    remedy = f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)}`"
+    wanted = config.network.image_size
+    remedy = (
+        f"`ocplanner render SOURCE TARGET --observe {observe} --cameras {' '.join(config.cameras)} --size {wanted}`"
+    )
     task = recorded_task(demos.env_name)
     demos.require_task_named()
     if task is None:
@@ -176,7 +177,6 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
             f"render again with {remedy}, or train with --observe {render.observe}"
         )
     size = demos[0].images(config.cameras[0], slice(0, 1)).shape[1:3]
-    wanted = config.network.image_size
     if size != (wanted, wanted):
         raise MismatchError(
             f"{demos.path}: images are {size[1]}x{size[0]}, the planner reads {wanted}x{wanted}; use {remedy}"
@@ -187,7 +187,7 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         task=task.name,
         object_name=config.object or task.parts[0],
         source_robot="+".join(demos.robots),
-        visual=render.visual or measured_visual(demos, config.cameras),
+        visual=render.visual,
         mask_rgb=render.mask_rgb if observe == "masked" else None,
         silhouettes=render.silhouettes,
         control_freq=control_frequency(demos, demos.names[0]),

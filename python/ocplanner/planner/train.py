@@ -49,7 +49,8 @@ def train_planner(config: PlannerTraining, data: Path, run: Path, reading: ReadS
 
     Raises:
         DatasetError: the data set is damaged or lacks images.
-        MismatchError: the data set was rendered for another observation or image size, or its images are upside down.
+        MismatchError: the data set was rendered for another observation or image size, its images are upside down, or
+            another arm, gripper or scene was recorded than is simulated.
         TrainingError: a loss is not finite, or the run folder belongs to another training.
         OutputError: the folder cannot be written, is no folder for a run, or another process trains in it.
     """

@@ -205,6 +205,8 @@ def hint_horizons(demos: Demonstrations, horizons: tuple[int, ...], setting: str
         MismatchError: the data set was labelled with others, or nobody says with which.
     """
     labels = demos.label_record
+    if labels is None and HINT_KEY not in demos[0].observation_keys:
+        raise _no_hints(demos, demos.names[0])
     if labels is None and not horizons:
         raise MismatchError(
             f"{demos.path} does not say which horizons its hints have, since `ocplanner label` did not make them; "
@@ -235,12 +237,16 @@ def _numbers(demos: Demonstrations, demo: Demonstration, key: str) -> np.ndarray
     return array
 
 
+def _no_hints(demos: Demonstrations, name: str) -> DatasetError:
+    return DatasetError(
+        f"{demos.path}: {name}/obs/{HINT_KEY}: no hints in this data set; make a copy that has them with "
+        "`ocplanner label`"
+    )
+
+
 def _hint(demos: Demonstrations, demo: Demonstration, width: int) -> np.ndarray:
     if HINT_KEY not in demo.observation_keys:
-        raise DatasetError(
-            f"{demos.path}: {demo.name}/obs/{HINT_KEY}: no hints in this data set; "
-            "make a copy that has them with `ocplanner label`"
-        )
+        raise _no_hints(demos, demo.name)
     hint = _numbers(demos, demo, HINT_KEY)
     if hint.shape[1] != width:
         raise DatasetError(

@@ -24,6 +24,7 @@ from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.live_object import check_live_object
 from ocplanner.demos.object_sensors import OBJECT_SENSORS, object_order, sensors_of
 from ocplanner.demos.picture_check import measured_visual
+from ocplanner.demos.recorded_world import check_world
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
 from ocplanner.envs.tasks import tasks
@@ -194,7 +195,8 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
 
     Raises:
         DatasetError: the data set is damaged, has no such mask, or lacks an observation.
-        MismatchError: it was labelled with hints of other horizons.
+        MismatchError: it was labelled with hints of other horizons, or another arm, gripper or scene was recorded than
+            is simulated.
     """
     with Demonstrations(data, reading=reading) as demos:
         hint = config.network.hint
@@ -204,6 +206,7 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
         check = partial(check_demonstration, demos=demos, config=config)
         names, held_out = (sound_names(demos, part, check, _say) if part else part for part in _parts(demos, config))
         check_deltas(demos)
+        check_world(demos, names[0])
         frame, scale, actions_fault = _actions(demos)
         ranges = None if frame is not None else range_of([demos[name].actions for name in names])
         train = _load(demos, names, config, ranges)
