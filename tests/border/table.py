@@ -3,10 +3,11 @@
 Run from the repository's root: ``python tests/border/table.py`` writes ``results/border.json``. ``--inputs`` chooses
 some; rows of others stay as they are. It takes some minutes on one core.
 
-``render``, ``convert`` and ``info`` read the input itself. So do the others if it has pictures; if not, they read what
-``render`` made of it. ``evaluate`` runs the policy that ``train-policy`` made. An answer is ``ok: `` and what was said,
-or ``error: `` and the one line; a traceback would read ``unexpected``. ``found`` holds what a silent mistake would
-change: how many steps and frames were kept, how often the object is held.
+``render``, ``convert`` and ``info`` read the input itself. So do the others if it has pictures, of which ``render``
+then draws the kept frames alone; if not, they read what ``render`` made of it. An input with flags for ``convert`` is
+read as that leaves it. ``evaluate`` runs the policy that ``train-policy`` made. An answer is ``ok: `` and what was
+said, or ``error: `` and the one line; a traceback would read ``unexpected``. ``found`` holds what a silent mistake
+would change: how many steps and frames were kept, how often the object is held.
 """
 
 import argparse
@@ -94,14 +95,15 @@ class Bench:
         rendered, run = work / "rendered.hdf5", work / "run"
         if odd.convert and (work / "converted.hdf5").exists():
             path = work / "converted.hdf5"
-        seen = rendered if rendered.exists() and not _has_pictures(path) else path
+        pictured = _has_pictures(path)
+        seen = rendered if rendered.exists() and not pictured else path
         policy = work / "policy"
         if verb == "evaluate" and not (policy / "policy.safetensors").exists():
             return {"answer": "no policy to evaluate"}
         commands = {
             "info": [str(path), "--json"],
             "convert": [str(work / "input.hdf5"), str(work / "converted.hdf5"), *odd.convert, *odd.reading],
-            "render": [str(path), str(rendered), *render_flags(), *odd.reading],
+            "render": [str(path), str(rendered), *render_flags("manipulation" if pictured else "all"), *odd.reading],
             "train-planner": [*train_planner_flags(seen, run), *odd.reading],
             "label": [str(seen), str(work / "labelled.hdf5"), "--planner", str(self.planner), *odd.reading],
             "train-policy": [*train_policy_flags(seen, policy), *odd.policy, *odd.reading],
@@ -165,8 +167,8 @@ def _without_folders(text: str, folder: Path) -> str:
     return text
 
 
-def render_flags() -> list[str]:
-    return ["--size", str(SIZE), "--observe", "full", "--frames", "manipulation", "--workers", "1"]
+def render_flags(frames: str = "manipulation") -> list[str]:
+    return ["--size", str(SIZE), "--observe", "full", "--frames", frames, "--workers", "1"]
 
 
 def train_planner_flags(data: str | Path, run: str | Path) -> list[str]:

@@ -14,11 +14,10 @@ from ocplanner.collection.frame_renderer import FrameRenderer
 from ocplanner.collection.settings import RenderSettings
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
-from ocplanner.demos.recorded_world import RecordedWorld
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
 from ocplanner.demos.writer import DatasetWriter
-from ocplanner.envs import make_env
+from ocplanner.envs.tasks import Task
 from ocplanner.errors import DatasetError
 from ocplanner.files.records.render import RENDER_ATTRIBUTE
 from ocplanner.files.storage import check_output
@@ -79,10 +78,8 @@ def render_dataset(
                 f"needs {'one arm' if task.arms == 1 else f'{task.arms} arms of one kind'}; record the data set again"
             )
         masks = {mask: demos.mask(mask) for mask in demos.mask_names}
-        with make_env(task, demos.robots[0], cameras=()) as env:
-            world = RecordedWorld(env, demos.grippers)
-            needed = partial(_needed, settings=settings, world=world)
-            names = sound_names(demos, demos.names[:limit], needed, say)
+        needed = partial(_needed, demos=demos, settings=settings, task=task)
+        names = sound_names(demos, demos.names[:limit], needed, say)
         attrs = {key: value for key, value in demos.attrs.items() if key not in {"env_args", "total"}}
         attrs[RENDER_ATTRIBUTE] = settings.record().to_json()
         with DatasetWriter(target, demos.env_args, data_attrs=attrs, overwrite=overwrite, reads=[source]) as writer:
@@ -101,10 +98,11 @@ def render_dataset(
             return writer.finish({mask: listed for mask, listed in masks.items() if listed}, names)
 
 
-def _needed(demo: Demonstration, settings: RenderSettings, world: RecordedWorld) -> None:
+def _needed(demo: Demonstration, demos: Demonstrations, settings: RenderSettings, task: Task) -> None:
     """Read what drawing a demonstration needs, and compare its world with the simulated one."""
-    world.open(demo)
-    for spec in world.env.task.objects:
+    _ = demo.states
+    demos.compare_world(demo)
+    for spec in task.objects:
         demo.object_poses(spec.name)
         if settings.frames == "manipulation" or settings.silhouette_arms:
             demo.manipulation(spec.name)

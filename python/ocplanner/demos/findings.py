@@ -7,6 +7,7 @@ import numpy as np
 
 from ocplanner.demos.action_frame import ActionFrame
 from ocplanner.demos.control_frequency import control_frequency
+from ocplanner.demos.convert import Converter
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.demonstration import Demonstration
 from ocplanner.demos.picture_check import measured_visual
@@ -20,7 +21,7 @@ _NAMED = 12
 
 def findings(demos: Demonstrations) -> list[str]:
     """One line for each finding; empty if there is nothing to say."""
-    found = [*_of_masks(demos), *_of_gripper(demos)]
+    found = [*_of_masks(demos), *of_gripper(demos)]
     bad = faults(demos, demos.names, _readable(demos))
     found += [f"{name} cannot be used: {reason}" for name, reason in list(bad.items())[:_NAMED]]
     if len(bad) > _NAMED:
@@ -28,7 +29,10 @@ def findings(demos: Demonstrations) -> list[str]:
     sound = [demos[name] for name in demos.names if name not in bad]
     if sound:
         for look in (_of_origin, _of_actions, _of_pictures):
-            found += look(demos, sound)
+            try:
+                found += look(demos, sound)
+            except OcplannerError as error:
+                found.append(str(error))
     return list(dict.fromkeys(found))  # one fault may be found on several ways
 
 
@@ -39,7 +43,10 @@ def _readable(demos: Demonstrations) -> Callable[[Demonstration], None]:
     except OcplannerError:
         parts = []
 
+    converter = Converter(demos)
+
     def read(demo: Demonstration) -> None:
+        converter.check(demo)
         for part in parts:
             demo.manipulation(part)
 
@@ -60,7 +67,7 @@ def _of_masks(demos: Demonstrations) -> Iterator[str]:
         yield f"mask/train and mask/valid share {_some(both)}; training refuses that"
 
 
-def _of_gripper(demos: Demonstrations) -> Iterator[str]:
+def of_gripper(demos: Demonstrations) -> Iterator[str]:
     """Whether the first demonstration makes sense only if positive actions open the gripper."""
     try:
         demo, part = demos[0], demos.task().objects[0].parts[0]

@@ -4,14 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocplanner.envs import ManipulationEnv, make_env
+from ocplanner.envs import ManipulationEnv
 from ocplanner.envs.kinematics import home_posture
 from ocplanner.envs.recorded_model import RecordedModels
 from ocplanner.envs.robots import ROBOTS
-from ocplanner.errors import DatasetError, MismatchError, ShapeError, UnknownNameError
+from ocplanner.errors import DatasetError, MismatchError, ShapeError
 
 if TYPE_CHECKING:
-    from ocplanner.demos.dataset import Demonstrations
     from ocplanner.demos.demonstration import Demonstration
 
 HAND_M = 0.01
@@ -117,23 +116,3 @@ class RecordedWorld:
                     f"(obs/robot{number}_eef_pos; at most {100 * HAND_M:g} cm): another arm or gripper than "
                     f"{self.env.robot.name}'s was recorded; correct `robots` in env_args, or record it again"
                 )
-
-
-def check_world(demos: "Demonstrations", name: str) -> None:
-    """Compare a demonstration's states with the simulation of the task and arm that the file names.
-
-    Does nothing where that cannot be done: without states, or with a task or arm that cannot be simulated.
-
-    Raises:
-        MismatchError: another arm, gripper or scene was recorded.
-    """
-    demo, robots = demos[name], demos.robots
-    try:
-        task = demos.task()
-        if not robots or robots[0] not in ROBOTS or robots != robots[:1] * task.arms:
-            return
-        if "states" in demo.array_paths:
-            with make_env(task, robots[0], cameras=()) as env:
-                RecordedWorld(env, demos.grippers).open(demo)
-    except (DatasetError, UnknownNameError):
-        return

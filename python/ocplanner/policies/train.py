@@ -7,7 +7,7 @@ number of processes changes a run by rounding only (and by batch normalisation a
 import math
 import os
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,10 @@ from torch.multiprocessing.spawn import ProcessException
 from ocplanner.demos.action_frame import ActionFrame, check_deltas
 from ocplanner.demos.control_frequency import control_frequency
 from ocplanner.demos.dataset import Demonstrations
+from ocplanner.demos.findings import of_gripper
 from ocplanner.demos.live_object import check_live_object
 from ocplanner.demos.object_sensors import OBJECT_SENSORS, object_order, sensors_of
 from ocplanner.demos.picture_check import measured_visual
-from ocplanner.demos.recorded_world import check_world
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.demos.soundness import sound_names
 from ocplanner.envs.tasks import tasks
@@ -206,7 +206,6 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
         check = partial(check_demonstration, demos=demos, config=config)
         names, held_out = (sound_names(demos, part, check, _say) if part else part for part in _parts(demos, config))
         check_deltas(demos)
-        check_world(demos, names[0])
         frame, scale, actions_fault = _actions(demos)
         ranges = None if frame is not None else range_of([demos[name].actions for name in names])
         train = _load(demos, names, config, ranges)
@@ -216,7 +215,11 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
         sensors = None if order is None else sensors_of(demos.env_name, order)
         if sensors is not None and demos.env_name in {task.env_name for task in tasks().values()}:
             check_live_object(demos, names[0], sensors)
+        else:
+            with suppress(DatasetError):  # states that cannot be simulated are not learned from
+                demos.compare_world(demos[names[0]])
         render, warnings = _drawn(demos, names, config)
+        warnings += of_gripper(demos)
         header = PolicyHeader(
             task=demos.task_name,
             environment=demos.env_name or None,
