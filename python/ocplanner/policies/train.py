@@ -204,7 +204,9 @@ def read(config: PolicyTraining, data: Path, reading: ReadSettings = DEFAULT_REA
             hint = replace(hint, horizons=hint_horizons(demos, hint.horizons))
             config = replace(config, network=replace(config.network, hint=hint))
         check = partial(check_demonstration, demos=demos, config=config)
-        names, held_out = (sound_names(demos, part, check, _say) if part else part for part in _parts(demos, config))
+        names, held_out = _parts(demos, config)
+        names = sound_names(demos, names, check, _say)
+        held_out = sound_names(demos, held_out, check, _say) if held_out else []
         check_deltas(demos)
         frame, scale, actions_fault = _actions(demos)
         ranges = None if frame is not None else range_of([demos[name].actions for name in names])
