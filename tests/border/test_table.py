@@ -193,6 +193,8 @@ def test_a_bad_demonstration_is_named_and_can_be_left_out(name):
             assert skipped.startswith("ok: demo_1 is left out: ")
             assert tuple(_found(f"{name}-skipped", verb)["steps"]) == ("demo_0", "demo_2")
     assert ROWS[name]["render"]["answer"].startswith("error")
+    for verb in ("train-planner", "train-policy"):
+        assert ROWS[f"{name}-skipped"][verb]["answer"].startswith("ok: ")
 
 
 @pytest.mark.parametrize("name", ["no-states", "states-group", "mixed-states", "eight-numbers", "other-names"])

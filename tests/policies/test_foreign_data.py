@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ from ocplanner.cli import main
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.errors import DatasetError, InvalidValueError, MismatchError
 from ocplanner.files.records.evaluation import EvaluationSettings
+from ocplanner.policies.config import ObservationConfig
 from ocplanner.policies.evaluate import evaluate_policy
 from ocplanner.policies.policy import Policy
 from ocplanner.policies.train import read, train_policy
@@ -76,9 +78,11 @@ def test_another_robots_actions_come_back_in_their_own_units(franka, tmp_path, c
         evaluate_policy(run / "policy.safetensors")
 
 
-def test_a_data_set_without_masks_says_how_to_train_on_it(franka, small):
-    with pytest.raises(DatasetError, match=r"no masks.*--mask all"):
-        read(small(), franka)
+def test_a_data_set_without_masks_is_learned_from_whole(franka, small, capsys):
+    recorded = read(replace(small(), observation=ObservationConfig(("joints",))), franka)
+    assert recorded.train is not None
+    assert recorded.valid is None
+    assert "has no masks: training on every demonstration, none is held out" in capsys.readouterr().err
 
 
 def test_masks_that_share_demonstrations_are_refused(changed, small, tiny_square):

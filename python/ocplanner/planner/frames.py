@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -145,9 +146,9 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         MismatchError: it was rendered in another observe mode or size.
         UnknownNameError: the task has no object of the configuration's name.
     """
-    longest, horizon = max(demo.length for demo in demos), config.network.horizon
+    longest, horizon = _longest(demos), config.network.horizon
     require(
-        horizon <= longest,
+        longest == 0 or horizon <= longest,
         f"horizon is {horizon}, but the longest demonstration of {demos.path} has {longest} steps: plan no more",
     )
     render = demos.render_record or RenderRecord()
@@ -192,6 +193,15 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
         silhouettes=render.silhouettes,
         control_freq=control_frequency(demos, demos.names[0]),
     )
+
+
+def _longest(demos: Demonstrations) -> int:
+    """Steps of the longest demonstration that can be read; 0 if none can."""
+    longest = 0
+    for demo in demos:
+        with suppress(DatasetError):  # it will be left out or refused by name
+            longest = max(longest, demo.length)
+    return longest
 
 
 class Split(NamedTuple):
