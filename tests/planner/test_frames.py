@@ -99,7 +99,7 @@ def test_a_demonstration_without_manipulation_is_left_out_on_demand_and_named(re
 def test_settings_travel(rendered):
     with Demonstrations(rendered) as demos:
         settings = data_settings(demos, PlannerTraining())
-    assert settings == ("Square", "SquareNut", "Panda", "fast", (255, 0, 255), ("IIWA",))
+    assert settings == ("Square", "SquareNut", "Panda", "fast", (255, 0, 255), ("IIWA",), 20.0)
 
 
 def test_the_object_can_be_chosen(rendered):
