@@ -71,3 +71,22 @@ def test_objects_are_drawn_in_the_recorded_size(tmp_path):
         renderer.close()
         areas.append(int((picture[..., 0] > picture[..., 1] + 60).sum()))  # the cube is red
     assert 3 < areas[1] / areas[0] < 6
+
+
+def test_states_alone_give_the_same_pictures(square_ph, tmp_path):
+    path = tmp_path / "states.hdf5"
+    with h5py.File(square_ph) as source, h5py.File(path, "w") as file:
+        file.create_group("data").attrs["env_args"] = source["data"].attrs["env_args"]
+        for key in ("states", "actions"):
+            file[f"data/demo_0/{key}"] = source[f"data/demo_0/{key}"][:]
+    settings = RenderSettings(silhouettes=("IIWA",), silhouette_stride=30, frames="manipulation", size=32)
+    found = []
+    for data in (square_ph, path):
+        renderer = FrameRenderer("Square", "Panda", settings)
+        with Demonstrations(data) as demos:
+            found.append(renderer.render(demos["demo_0"]))
+        renderer.close()
+    assert found[0].keys() == found[1].keys()
+    for key, array in found[0].items():
+        assert array.any()
+        np.testing.assert_array_equal(found[1][key], array)
