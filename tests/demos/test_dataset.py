@@ -187,7 +187,6 @@ FAULTS = {
     "env_args a list": (_env_args("[]"), r"no object \(list\)"),
     "no env_name": (_env_args("{}"), "no object with an env_name"),
     "no actions": (_delete(ACTIONS), "actions: not there.*obs.*rewards.*states"),
-    "no object": (_delete(OBJECT), "no pose of SquareNut"),
     "neither obs nor states": (_nothing_seen, "states: not there; data/demo_0 holds: actions"),
     "nothing": (_nothing, "no attribute env_args, and no demonstration with actions"),
     "short states": (_replace(STATES, np.zeros((3, 45))), r"\(3, 45\), but there are 90"),
@@ -289,7 +288,9 @@ def test_other_names_of_observations(copy, tmp_path):
     with Demonstrations(copy, reading=ReadSettings(keys=names)) as demos:
         assert "robot0_eef_pos" in demos[0].observation_keys
         np.testing.assert_array_equal(demos[0].eef_positions, demos[0].observation("ee_pos"))
-    for text, fault in (("{", "cannot be read"), ("[1]", "no object of texts"), ('{"a": 1}', "no object of texts")):
+    faults = {"{": "cannot be read", "[1]": "no object of texts", '{"a": 1}': "no object of texts"}
+    faults['{"robot0_eef_pos": "eef"}'] = "no eef, which .*keys.json gives for robot0_eef_pos; the file has: ee_pos"
+    for text, fault in faults.items():
         names.write_text(text)
         with pytest.raises(DatasetError, match=fault):
             Demonstrations(copy, reading=ReadSettings(keys=names))

@@ -133,6 +133,20 @@ def _changed(path: Path, target: Path, **kwargs: object) -> Path:
     return target
 
 
+def test_one_missing_observation_is_derived_too(square_ph, tmp_path):
+    path = tmp_path / "part.hdf5"
+    with h5py.File(square_ph) as source, h5py.File(path, "w") as file:
+        file.create_group("data").attrs["env_args"] = source["data"].attrs["env_args"]
+        source.copy("data/demo_0", file["data"])
+        del file["data/demo_0/obs/object"]
+    with Demonstrations(square_ph) as whole, Demonstrations(path) as demos:
+        full, demo = whole["demo_0"], demos[0]
+        assert full.derived_keys == ()
+        assert set(demo.derived_keys) == {"object", "SquareNut_pos", "SquareNut_quat"}
+        np.testing.assert_allclose(demo.observation("object"), full.observation("object"), atol=1e-4)
+        assert demo.manipulation() == full.manipulation()
+
+
 def test_another_recorded_world_is_told(lift, tmp_path):
     raw = to_raw(lift, tmp_path / "raw.hdf5")
     with (

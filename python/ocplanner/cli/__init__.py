@@ -52,6 +52,7 @@ def _parse(arguments: list[str] | None) -> Any:
     @dataclass(frozen=True)
     class Ocplanner:
         command: Annotated[union, tyro.conf.arg(name="")]  # pyright: ignore[reportInvalidTypeForm]
+        """What to do."""
         debug: tyro.conf.FlagCreatePairsOff[bool] = False
         """Print the traceback of an error; must precede the verb."""
 

@@ -15,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 
 from ocplanner.demos.dataset import Demonstrations
 from ocplanner.demos.findings import findings
+from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.errors import DatasetError, ModelFileError, OcplannerError, ResultFileError
 from ocplanner.files.hdf5 import HDF5_MAGIC
 from ocplanner.planner.planner import FILE_NAME
@@ -49,9 +50,12 @@ class Info:
     all: bool = False
     """Print long entries whole, such as all settings of a training and every held-out error."""
 
+    keys: Path | None = None
+    """JSON file that maps our names of observations to the data set's, such as {"robot0_eef_pos": "ee_pos"}."""
+
     def run(self) -> None:
         """Print what the file holds."""
-        facts = describe(self.file)
+        facts = describe(self.file, ReadSettings(keys=self.keys))
         console = Console()
         if self.json:
             console.print_json(json.dumps(facts))
@@ -62,11 +66,12 @@ class Info:
 COMMAND = Info
 
 
-def describe(path: Path) -> Facts:
+def describe(path: Path, reading: ReadSettings = DEFAULT_READING) -> Facts:
     """What a file holds, as JSON can hold it; nothing in the file is executed or unpickled.
 
     Args:
         path: a data set, a planner or policy file, or a run folder that holds one of those.
+        reading: how a data set is read.
 
     Raises:
         OcplannerError: the file is missing, damaged or of another kind.
@@ -79,7 +84,7 @@ def describe(path: Path) -> Facts:
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}; give the path of a file") from error
     if start == HDF5_MAGIC:
-        return describe_dataset(path)
+        return describe_dataset(path, reading)
     if path.suffix == ".json":
         return describe_result(path)
     if path.suffix == ".safetensors" or start[4:] == b"\x00\x00\x00\x00":  # a header length below 4 GiB
@@ -94,13 +99,13 @@ def _trained(folder: Path) -> Path:
     raise ModelFileError(f"{folder} holds no {' nor '.join(_TRAINED)}; give a file, or the run folder of a training")
 
 
-def describe_dataset(path: Path) -> Facts:
+def describe_dataset(path: Path, reading: ReadSettings = DEFAULT_READING) -> Facts:
     """The demonstrations of a robomimic file in numbers.
 
     Raises:
         DatasetError: the file is missing, damaged or no robomimic data set.
     """
-    with Demonstrations(path) as demos:
+    with Demonstrations(path, reading=reading) as demos:
         lengths = np.array([length for demo in demos if (length := _of(lambda demo=demo: demo.length))] or [0])
         first = next((demo for demo in demos if _of(lambda demo=demo: demo.length)), demos[0])
         try:

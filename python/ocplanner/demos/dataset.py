@@ -66,6 +66,7 @@ class Demonstrations(Sequence[Demonstration]):
         except BaseException:
             self.close()
             raise
+        self._check_keys()
         self._derived = self._deriving()
         self._recording = Recording(
             self.env_name,
@@ -77,6 +78,18 @@ class Demonstrations(Sequence[Demonstration]):
             clipped=self._clips(),
             derived=self._derived,
         )
+
+    def _check_keys(self) -> None:
+        """Raise if a name that the user gave is nowhere in the file."""
+        stored = (
+            {key for name in self.names for key in self._file.names(f"data/{name}/obs")} if self.reading.keys else ()
+        )
+        for ours, theirs in self.reading.names.items():
+            if theirs not in stored:
+                known = ", ".join(sorted(stored)) or "none"
+                raise self._file.error(
+                    "obs", f"no {theirs}, which {self.reading.keys} gives for {ours}", f"the file has: {known}"
+                )
 
     def close(self) -> None:
         """Close the file and the simulation that observations are derived from; reading afterwards opens them again."""

@@ -19,7 +19,8 @@ from ocplanner.files.hdf5 import HDF5File
 from ocplanner.geometry.rotation import rotation_from_quat_xyzw
 
 _STATE_DIMS = 2
-_PICTURES = ("_image", "_depth", "_empty", "_mask", "_silhouettes")
+_UNNAMED = ("object", "robot0_eef_pos", "robot1_eef_pos", "robot0_eef_quat", "robot0_gripper_qpos")
+"""What files store of every task; they have an object's pose in ``object`` or under its name."""
 
 
 class Recording(NamedTuple):
@@ -109,6 +110,11 @@ class Demonstration:
             raise self._error("actions", f"shape {actions.shape}, expected (steps, {width})", "record it again")
         return actions
 
+    @property
+    def recorded_late(self) -> bool:
+        """Whether each state was recorded after its action."""
+        return self._late > 0
+
     @cached_property
     def _late(self) -> int:
         """1 if each state was recorded after its action (robosuite up to 1.0), else 0.
@@ -153,12 +159,14 @@ class Demonstration:
     def derived_keys(self) -> tuple[str, ...]:
         """The names of observations that are not stored but derived from the states.
 
-        None are if the file has low-dimensional observations of its own.
+        Poses by name are not, if ``object`` is stored.
         """
         derived = self._recording.derived
-        if derived is None or not self.has_states or any(_is_low_dim(key) for key in self.stored_keys):
+        if derived is None or not self.has_states:
             return ()
-        return derived.keys
+        stored = {*self.stored_keys, *self._recording.names}
+        by_name = "object" not in stored
+        return tuple(key for key in derived.keys if key not in stored and (by_name or key in _UNNAMED))
 
     @cached_property
     def observation_keys(self) -> tuple[str, ...]:
@@ -426,10 +434,3 @@ class Demonstration:
     def _damaged_object(self, error: InvalidValueError) -> DatasetError:
         remedy = "extract the observations again with robomimic's dataset_states_to_obs.py"
         return self._error("obs", f"an object's pose is damaged ({error})", remedy)
-
-
-def _is_low_dim(key: str) -> bool:
-    """Whether an observation is one of those that are derived, rather than a picture or a label."""
-    return (
-        key == "object" or (key.startswith("robot") and not key.endswith(_PICTURES)) or key.endswith(("_pos", "_quat"))
-    )

@@ -90,6 +90,9 @@ def of_gripper(demos: Demonstrations) -> Iterator[str]:
 def _of_origin(demos: Demonstrations, sound: Sequence[Demonstration]) -> Iterator[str]:
     if demos.kind == "robosuite":
         yield "a raw recording of robosuite: observations, poses and rewards are derived from its states"
+        late = [demo.name for demo in sound if demo.recorded_late]
+        if late:
+            yield f"the states of {_some(late)} were recorded after the actions: the first action is left out"
     elif demos.kind == "other":
         yield "it does not say its task and robot: only policies can be trained on it (train-policy --low-dim KEYS)"
         return

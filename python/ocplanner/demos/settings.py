@@ -29,7 +29,9 @@ class ReadSettings:
         remedy = 'write an object of texts, such as {"robot0_eef_pos": "ee_pos"}'
         try:
             names = json.loads(self.keys.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise DatasetError(f"cannot read {self.keys}: {error.strerror}; give the path of a JSON file") from error
+        except ValueError as error:
             raise DatasetError(f"{self.keys}: the names of observations cannot be read ({error}); {remedy}") from error
         if not isinstance(names, dict) or not all(isinstance(name, str) for name in names.values()):
             raise DatasetError(f"{self.keys}: no object of texts; {remedy}")

@@ -119,6 +119,7 @@ class Labeller:
             DatasetError: something is missing or damaged.
         """
         self._held(demo, demo.object_poses(self._object))
+        self._drawn(demo)
         if self._frame is not None:
             self._frame.rotations_world(demo, np.array([0]))
         if self._settings.reward != "off":

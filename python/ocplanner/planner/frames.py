@@ -180,7 +180,8 @@ def data_settings(demos: Demonstrations, config: PlannerTraining) -> DataSetting
     size = demos[0].images(config.cameras[0], slice(0, 1)).shape[1:3]
     if size != (wanted, wanted):
         raise MismatchError(
-            f"{demos.path}: images are {size[1]}x{size[0]}, the planner reads {wanted}x{wanted}; use {remedy}"
+            f"{demos.path}: images are {size[1]}x{size[0]}, the planner reads {wanted}x{wanted}; use {remedy}, or "
+            f"train with --image-size {size[0]} --crop {max(1, size[0] - 8)}"
         )
     if observe == "masked" and render.mask_rgb is None:
         raise DatasetError(f"{demos.path}: the data set does not say its mask colour; render again with {remedy}")
