@@ -53,7 +53,8 @@ def test_actions_are_rescaled_and_turned(policy, tiny_square, tmp_path, monkeypa
         args["env_kwargs"]["controller_configs"]["input_ref_frame"] = "base"
         file["data"].attrs["env_args"] = json.dumps(args)
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    monkeypatch.setattr("ocplanner.demos.action_frame.ActionFrame._base", lambda *_: quarter)
+    turned = "ocplanner.demos.action_frame.ActionFrame.rotations_world"
+    monkeypatch.setattr(turned, lambda _, demo, rows: np.stack([quarter] * len(rows)))
     with Demonstrations(path) as demos:
         actions, found = demos["demo_2"].actions, load_episode(policy, demos, "demo_2").actions
         np.testing.assert_allclose(found[:, :2], 2 * actions[:, [1, 0]] * [-1, 1], atol=1e-6)

@@ -196,7 +196,7 @@ def test_an_address_without_a_cluster_is_told(monkeypatch, address):
 def test_commands_hand_the_address_on(tiny_square, tmp_path, capsys, verb):
     from ocplanner.cli import main
 
-    planner, out = tmp_path / "p.safetensors", str(tmp_path / "out")
+    planner, out = tmp_path / "p.safetensors", str(tmp_path / "out.json")
     write_random_planner(planner)
     arguments = {
         "collect": ["--out", out],

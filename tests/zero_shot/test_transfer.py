@@ -114,9 +114,9 @@ def test_episodes_done_before_videos_were_asked_for_are_filmed(planner, tmp_path
             ocp.transfer(planner, on_episode=stop, **options, **changes)
 
     film.parent.mkdir()
-    film.write_bytes(b"of another transfer")
+    film.write_bytes(other := b"....ftyp: of another transfer")
     stopped_after(2)
-    assert film.read_bytes() == b"of another transfer"
+    assert film.read_bytes() == other
     stopped_after(2, videos=1)
     whole = film.read_bytes()
     assert len(read_video(film)) > 5

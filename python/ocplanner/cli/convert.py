@@ -77,7 +77,7 @@ class Convert:
         else:
             with Demonstrations(path) as made:
                 total = len(made)
-        console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)}")
+        console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)}", markup=False)
 
 
 def _flags(settings: LeRobotSettings) -> str:

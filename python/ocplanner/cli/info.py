@@ -14,7 +14,6 @@ from rich.text import Text
 from safetensors import SafetensorError, safe_open
 
 from ocplanner.demos.dataset import Demonstrations
-from ocplanner.demos.findings import findings
 from ocplanner.demos.settings import DEFAULT_READING, ReadSettings
 from ocplanner.errors import DatasetError, ModelFileError, OcplannerError, ResultFileError
 from ocplanner.files.hdf5 import HDF5_MAGIC
@@ -105,6 +104,8 @@ def describe_dataset(path: Path, reading: ReadSettings = DEFAULT_READING) -> Fac
     Raises:
         DatasetError: the file is missing, damaged or no robomimic data set.
     """
+    from ocplanner.demos.findings import findings  # it may start the simulator
+
     with Demonstrations(path, reading=reading) as demos:
         lengths = np.array([length for demo in demos if (length := _of(lambda demo=demo: demo.length))] or [0])
         first = next((demo for demo in demos if _of(lambda demo=demo: demo.length)), demos[0])

@@ -1,6 +1,7 @@
 """The verb ``label``."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -58,13 +59,15 @@ class Label:
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,
-                say=console.print,
+                say=partial(console.print, markup=False),
             )
         with Demonstrations(path) as made:
             total = len(made)
         hints, reward = self.settings.hints, self.settings.reward
         written = [*(["hints"] if hints else []), *([f"rewards ({reward})"] if reward != "off" else [])]
-        console.print(f"wrote {path}: {total} demonstration{'s' * (total != 1)} with {' and '.join(written)}")
+        console.print(
+            f"wrote {path}: {total} demonstration{'s' * (total != 1)} with {' and '.join(written)}", markup=False
+        )
 
 
 COMMAND = Label

@@ -1,6 +1,7 @@
 """``ocplanner render``."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -50,13 +51,12 @@ class Render:
                 limit=self.limit,
                 overwrite=self.overwrite,
                 progress=advance,
-                say=console.print,
+                say=partial(console.print, markup=False),
             )
         with Demonstrations(path) as made:
             total = len(made)
-        console.print(
-            f"wrote {path}: {total} demonstrations, {', '.join(settings.cameras)}, observe={settings.observe}"
-        )
+        line = f"wrote {path}: {total} demonstrations, {', '.join(settings.cameras)}, observe={settings.observe}"
+        console.print(line, markup=False)
 
 
 COMMAND = Render

@@ -29,6 +29,7 @@ _ARM_ACTION = 7
 _FLIPPED_WITH_ACTIONS = ("actions", "actions_abs")
 _GRIPPER_ONLY = "action_dict/gripper"
 _PICTURES = ("_image", "_depth")
+_PICTURE_DIMS = 3
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ class Converter:
         self.left_out |= stored.keys() - arrays.keys()
         arrays |= self._numbers(demo)
         for key in _observed(demo):
-            arrays.setdefault(f"obs/{key}", demo.observation(key))
+            arrays[f"obs/{key}"] = demo.observation(key)
+        for key in demo.next_observation_keys:
+            arrays[f"next_obs/{key}"] = demo.next_observation(key)
         if "object" in demo.observation_keys and "obs/object" not in stored:
             arrays["obs/object"] = self._in_declared_order(demo, arrays["obs/object"])
         arrays |= self._ending(demo, stored)
@@ -218,6 +221,11 @@ def mended(arrays: dict[str, np.ndarray], settings: ConvertSettings) -> dict[str
             arrays[path] = _gripper_flipped(arrays[path], whole=path == _GRIPPER_ONLY)
     if settings.flip_images:
         for path in [path for path in arrays if "obs/" in path and path.endswith(_PICTURES)]:
+            if arrays[path].ndim < _PICTURE_DIMS or (arrays[path].dtype == np.uint8 and arrays[path].shape[-1] > 4):
+                raise MismatchError(
+                    f"{path} has shape {arrays[path].shape}, not (steps, height, width, channels), and cannot be "
+                    "turned; store the pictures so, or leave out --flip-images"
+                )
             arrays[path] = arrays[path][:, ::-1]
     if settings.next_obs:
         for path in [path for path in arrays if path.startswith("obs/")]:
@@ -246,9 +254,10 @@ def _fits(array: np.ndarray, steps: int) -> bool:
 
 
 def _gripper_flipped(actions: np.ndarray, *, whole: bool) -> np.ndarray:
+    if whole:
+        return -actions
     flipped = actions.copy()
     width = actions.shape[1]
     arm = _ARM_ACTION if width % _ARM_ACTION == 0 else width
-    columns = slice(None) if whole else slice(arm - 1, None, arm)
-    flipped[:, columns] *= -1
+    flipped[:, arm - 1 :: arm] *= -1
     return flipped

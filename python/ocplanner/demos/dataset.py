@@ -198,6 +198,8 @@ class Demonstrations(Sequence[Demonstration]):
     def robots(self) -> tuple[str, ...]:
         """The recorded robots, such as ``("Panda",)``; empty if the file does not say."""
         robots = self._env_kwargs().get("robots") or ()
+        if not isinstance(robots, str | list | tuple):
+            raise self._file.error("env_args of data", f"robots is {robots!r}, expected names", "correct env_args")
         return (robots,) if isinstance(robots, str) else tuple(str(robot) for robot in robots)
 
     @property

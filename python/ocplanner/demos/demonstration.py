@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
@@ -105,6 +106,7 @@ class Demonstration:
     def recorded_actions(self) -> np.ndarray:
         """:attr:`actions` before any clipping."""
         actions = self._finite("actions", dims=2)
+        actions = actions.astype(np.float64) if actions.dtype.kind == "b" else actions
         width = self._recording.action_width
         if width is not None and actions.shape[1] != width:
             raise self._error("actions", f"shape {actions.shape}, expected (steps, {width})", "record it again")
@@ -119,12 +121,14 @@ class Demonstration:
     def _late(self) -> int:
         """1 if each state was recorded after its action (robosuite up to 1.0), else 0.
 
-        The first state then has the time of one step, not that of the reset.
+        The first state then has the time of one step, not that of the reset. Later versions recorded it before; a file
+        of theirs that begins later was cut.
         """
         if not self._recording.raw or not self.has_states:
             return 0
         times = self._file.read(self._key("states"), slice(0, 2))[:, 0]
-        return int(len(times) == 2 and times[0] > (times[1] - times[0]) / 2)
+        old = re.match(r"v?(0\.|1\.0(\.|$))", self._recording.env_version or "") is not None
+        return int(old and len(times) == 2 and 0.5 < times[0] / max(times[1] - times[0], 1e-9) < 1.5)
 
     @cached_property
     def has_states(self) -> bool:
@@ -187,8 +191,9 @@ class Demonstration:
 
     @cached_property
     def next_observation_keys(self) -> tuple[str, ...]:
-        """The names under ``next_obs``; empty if there are none."""
-        return self._file.names(self._key("next_obs"))
+        """The names under ``next_obs``, ours where they are mapped; empty if there are none."""
+        stored = {*self._file.names(self._key("next_obs"))}
+        return tuple(sorted(stored | {ours for ours, theirs in self._recording.names.items() if theirs in stored}))
 
     def observation(self, key: str, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """``obs/<key>`` as stored, (T, ...), or some of its rows (an index array must increase).

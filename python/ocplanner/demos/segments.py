@@ -55,6 +55,8 @@ class SegmentRule:
         lifted: ...or raised it by more than this (m). A fall is neither.
         turned: without gripper actions, an object that turned by more than this was manipulated too (rad).
         landed: a falling object has landed at this height above the lowest point (m).
+        settling: an object that was dropped into the scene falls by no more than this before it rests (m); one that is
+            lowered farther is carried.
         fall: how much of the fall after the release is kept (m): as much as while fingers open. Where it tumbles to
             afterwards is nothing that a hand could lead it to.
         at_rest: whether the manipulation ends when the object has come to its last place in the hand, not when the
@@ -70,6 +72,7 @@ class SegmentRule:
     lifted: float = 0.01
     turned: float = 0.2
     landed: float = 0.001
+    settling: float = 0.15
     fall: float = 0.015
     at_rest: bool = False
 
@@ -103,7 +106,7 @@ def manipulation_segment(
     """
     steps = _check(object_positions, object_rotations, gripper_actions)
     path = _Path(object_positions, object_rotations, rule)
-    settled = path.landing(0, steps)
+    settled = path.settling(steps)
     held = gripper_actions is not None
     spans = closed_spans(gripper_actions) if gripper_actions is not None else [(0, steps - 1)]
     carries = [(begin, end) for close, end in spans if path.carries(begin := max(close, settled), end, turns=not held)]
@@ -142,6 +145,11 @@ class _Path:
         rises = np.flatnonzero(height > lowest + self._rule.lifted)
         fall = height[: rises[0]] if len(rises) else height
         return begin + int(np.argmax(fall <= fall.min() + self._rule.landed))
+
+    def settling(self, steps: int) -> int:
+        """The step from which an object that was dropped into the scene lies; 0 if it was not."""
+        landed = self.landing(0, steps)
+        return landed if self._positions[0, 2] - self._positions[landed, 2] < self._rule.settling else 0
 
     def carries(self, begin: int, end: int, *, turns: bool) -> bool:
         """Whether the object is carried or lifted from ``begin`` to ``end``, or, if that counts, turned."""

@@ -9,8 +9,8 @@ which HDF5 ignores: an interrupted writer does not resume from a part that was d
 import contextlib
 import io
 import json
+import math
 import re
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -33,7 +33,7 @@ from ocplanner.files.storage import (
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _HEADER = "header.json"
-_OWN = re.compile(r"header\.json|.*\.hdf5|\..*\.partial")
+_OWN = re.compile(r"header\.json|\..*\.partial")
 _SOURCE = "source"
 _BIG_FROM_DIMS = 3  # arrays with so many dimensions hold images: one chunk a frame, for random access
 
@@ -78,7 +78,7 @@ class DatasetWriter:
         check_output(self.path, overwrite, "HDF5 data set", reads, resumed=True)
         self.parts = self.path.with_name(f"{self.path.name}.parts")
         described = {"env_args": json.dumps(dict(env_args))} if env_args else {}
-        self._attrs: dict[str, Any] = {**described, **(data_attrs or {})}
+        self._attrs: dict[str, Any] = {**described, **{key: _plain(value) for key, value in (data_attrs or {}).items()}}
         self._resources = contextlib.ExitStack()
         self._resources.enter_context(locked(self.path))
         try:
@@ -238,10 +238,10 @@ class DatasetWriter:
         if not self.parts.is_dir():
             return False
         if not (self.parts / _HEADER).exists():
-            return True
+            return all(_is_own(item) for item in self.parts.iterdir())
         with contextlib.suppress(OutputError, OSError, KeyError, RuntimeError), h5py.File(self.path, "r") as file:
             data = file["data"]
-            made = {key: data.attrs[key] for key in self._header()}
+            made = {key: _plain(data.attrs[key]) for key in self._header()}
             return made == self._header() and isinstance(data, h5py.Group) and {*self.done} <= {*data}
         return False
 
@@ -264,7 +264,7 @@ class DatasetWriter:
                 )
             return
         if self.parts.is_dir():
-            foreign = sorted(item.name for item in self.parts.iterdir() if not _OWN.fullmatch(item.name))
+            foreign = sorted(item.name for item in self.parts.iterdir() if not _is_own(item))
             if foreign:
                 raise OutputError(
                     f"{self.parts} holds {', '.join(foreign[:3])}; move that away or choose another output"
@@ -281,7 +281,29 @@ class DatasetWriter:
         # Without its header the folder counts as empty, so that a kill here leaves nothing to resume by mistake.
         with _saving(self.parts):
             (self.parts / _HEADER).unlink(missing_ok=True)
-            shutil.rmtree(self.parts)
+            for item in self.parts.iterdir():
+                if _is_own(item):
+                    item.unlink()
+            with contextlib.suppress(OSError):  # what is not ours stays, and the folder with it
+                self.parts.rmdir()
+
+
+def _is_own(item: Path) -> bool:
+    """Whether a writer made this file in a folder of parts, rather than somebody who keeps things there."""
+    if item.is_symlink() or not item.is_file():
+        return False
+    if item.suffix == ".hdf5" and not item.name.startswith("."):
+        return sealed(item)
+    return _OWN.fullmatch(item.name) is not None
+
+
+def _plain(value: Any) -> Any:
+    """An attribute as JSON can hold it."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if isinstance(value, str | int | float | bool | list) else str(value)
 
 
 def _check(name: str, arrays: Mapping[str, np.ndarray]) -> int:

@@ -23,7 +23,7 @@ _EXTENTS = {_SPHERE: 1, _CAPSULE: 2, _CYLINDER: 2, _BOX: 3}
 class _Geom(NamedTuple):
     kind: str
     size: tuple[float, ...]
-    mesh: str | None
+    mesh: tuple[float, ...] | None
 
 
 class RecordedModel:
@@ -40,7 +40,7 @@ class RecordedModel:
         if "<!" in xml.replace("<!--", ""):
             raise DatasetError("model_file declares a document type, which no MuJoCo model needs; record it again")
         try:
-            root = ET.fromstring(xml)  # noqa: S314 - without a document type it has no entities
+            root = ET.fromstring(xml.lstrip("\ufeff \t\r\n"))  # noqa: S314 - without a document type it has no entities
         except ET.ParseError as error:
             raise DatasetError(f"model_file is not XML ({error}); record it again") from error
         world = root.find("worldbody")
@@ -48,7 +48,7 @@ class RecordedModel:
             raise DatasetError(f"model_file is a {root.tag}, not a MuJoCo model; record it again")
         if world is None:
             world = ET.Element("worldbody")
-        self._scales = {mesh.get("name", ""): mesh.get("scale", "1 1 1") for mesh in root.iter("mesh")}
+        self._scales = {mesh.get("name", ""): _numbers(mesh.get("scale", "1 1 1"), 3) for mesh in root.iter("mesh")}
         self._bodies = {body.get("name", ""): body for body in world.iter("body")}
         self._fixed = [body for body in world.findall("body") if not _joints(body)]
 
@@ -63,14 +63,17 @@ class RecordedModel:
         found = {}
         for geom in () if body is None else body.iter("geom"):
             kind, mesh = geom.get("type", _SPHERE), geom.get("mesh")
-            scale = self._scales.get(mesh) if mesh else None
-            size = () if mesh else _numbers(geom.get("size", ""))[: _EXTENTS.get(kind, 3)]
+            scale = self._scales.get(mesh, (1.0, 1.0, 1.0)) if mesh else None
+            extents = _EXTENTS.get(kind, 0)
+            size = () if mesh or not geom.get("size") else _numbers(geom.get("size", ""), extents)[:extents]
+            if any(extent <= 0 for extent in size):
+                raise DatasetError(f"model_file gives a geom the size {geom.get('size')!r}; record it again")
             found[geom.get("name", "")] = _Geom("mesh" if mesh else kind, size, scale)
         return found
 
     def places(self) -> dict[str, np.ndarray]:
         """(3,) positions of the bodies that stand still in the world, metres, by name."""
-        return {body.get("name", ""): np.array(_numbers(body.get("pos", "0 0 0"))) for body in self._fixed}
+        return {body.get("name", ""): np.array(_numbers(body.get("pos", "0 0 0"), 3)[:3]) for body in self._fixed}
 
 
 class RecordedModels:
@@ -98,7 +101,7 @@ class RecordedModels:
         """
         model = self._env.model
         model.geom_size[:], model.geom_rbound[:] = self._sizes, self._bounds
-        if xml is None or not xml.lstrip().startswith("<"):
+        if xml is None or not xml.lstrip("\ufeff \t\r\n").startswith("<"):
             return
         recorded = RecordedModel(xml)
         if not other_arm:
@@ -161,11 +164,14 @@ def _joints(body: ET.Element) -> list[str]:
     return [joint.get("name", "") for tag in ("joint", "freejoint") for joint in body.findall(tag)]
 
 
-def _numbers(text: str) -> tuple[float, ...]:
+def _numbers(text: str, fewest: int) -> tuple[float, ...]:
     try:
-        return tuple(float(number) for number in text.split())
-    except ValueError as error:
-        raise DatasetError(f"model_file has {text!r} where numbers belong; record it again") from error
+        found = tuple(float(number) for number in text.split())
+    except ValueError:
+        found = ()
+    if len(found) < fewest or not np.isfinite(found).all():
+        raise DatasetError(f"model_file has {text!r} where {fewest} numbers belong; record it again")
+    return found
 
 
 def _radius(kind: str, size: np.ndarray) -> float:

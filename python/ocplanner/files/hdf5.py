@@ -96,18 +96,27 @@ class HDF5File:
             return np.asarray(array[_as_slice(rows)])
 
     def arrays(self, key: str) -> tuple[str, ...]:
-        """The paths, relative to the group at ``key``, of all arrays below it."""
+        """The paths, relative to the group at ``key``, of all arrays below it, linked ones too."""
         found: list[str] = []
+
+        def collect(group: h5py.Group, above: str, within: tuple[h5py.Group, ...]) -> None:
+            for name in self._texts(key, list(group)):
+                item = group[name]
+                if isinstance(item, h5py.Dataset):
+                    found.append(above + name)
+                elif isinstance(item, h5py.Group) and item not in within:  # a link may lead back up
+                    collect(item, f"{above}{name}/", (*within, item))
+
         with self.reading(key) as handle:
             group = handle[key]
             if isinstance(group, h5py.Group):
-                group.visititems(lambda path, item: found.append(path) if isinstance(item, h5py.Dataset) else None)
-        return self._texts(key, found)
+                collect(group, "", (group,))
+        return tuple(found)
 
     def copy(self, key: str, target: h5py.Group, name: str) -> None:
         """Copy the item at ``key`` to another open file, block by block, without decompressing it."""
         with self.reading(key) as handle:
-            handle.copy(key, target, name=name)
+            handle.copy(key, target, name=name, expand_soft=True, expand_external=True)
 
     def _texts(self, key: str, names: Collection[str | bytes]) -> tuple[str, ...]:
         """Names of items below ``key``; h5py gives those that are not UTF-8 as bytes."""

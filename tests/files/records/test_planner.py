@@ -24,6 +24,7 @@ def written(about: PlannerHeader) -> dict:
 def test_committed_planners_are_written_as_they_were_read(path):
     with safe_open(path, framework="numpy") as file:
         stored = json.loads(file.metadata()["ocplanner"])
+    stored["config"].setdefault("control_freq", 20.0)  # older files do not say
     assert written(PlannerHeader.from_json(json.dumps(stored["config"]))) == stored
 
 
