@@ -173,3 +173,34 @@ def test_a_state_of_another_size_is_told(lift, tmp_path):
         file["data/demo_0/states"] = states[:, :-1]
     with Demonstrations(raw) as demos, pytest.raises(DatasetError, match=r"demo_0.*shape \(31,\), expected \(32,\)"):
         demos[0].object_poses("cube")
+
+
+def test_a_later_recording_that_was_cut_at_its_start_is_not_one_step_late(lift, tmp_path):
+    raw = to_raw(lift, tmp_path / "raw.hdf5")
+    with h5py.File(raw, "r+") as file:
+        for key in ("states", "actions"):
+            array = file[f"data/demo_0/{key}"][5:]
+            del file[f"data/demo_0/{key}"]
+            file[f"data/demo_0/{key}"] = array
+    with Demonstrations(lift) as whole, Demonstrations(raw) as demos:
+        np.testing.assert_array_equal(demos[0].actions, whole[0].actions[5:])
+
+
+def test_linked_arrays_are_arrays(lift, tmp_path):
+    raw = to_raw(lift, tmp_path / "raw.hdf5")
+    with h5py.File(raw, "r+") as file:
+        file.move("data/demo_0/states", "kept")
+        file["data/demo_0/states"] = h5py.SoftLink("/kept")
+        file["data/demo_0/twin"] = file["data/demo_0/actions"]
+    with Demonstrations(raw) as demos:
+        assert set(demos[0].array_paths) == {"actions", "states", "twin"}
+
+
+@pytest.mark.parametrize("size", ["nan nan nan", "-1 -1 -1", "0 0 0", "0.03"])
+def test_sizes_that_are_none_are_told(lift, tmp_path, size):
+    raw = to_raw(lift, tmp_path / "raw.hdf5")
+    body = f'<body name="cube_main"><joint name="cube_joint0"/><geom name="cube_g0" type="box" size="{size}"/></body>'
+    with h5py.File(raw, "r+") as file:
+        file["data/demo_0"].attrs["model_file"] = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+    with Demonstrations(raw) as demos, pytest.raises(DatasetError, match="model_file"):
+        demos[0].object_poses("cube")

@@ -234,3 +234,11 @@ def test_all_human_demonstrations(square_ph):
         assert np.linalg.norm(positions[segment.release, :2] - [0.23, 0.10]) < 0.03  # over the peg
     assert (min(lengths), max(lengths)) == (58, 160)
     assert np.median(heights) == pytest.approx(0.918, abs=2e-3)
+
+
+def test_an_object_that_is_lowered_far_does_not_settle():
+    positions = np.zeros((100, 3))
+    positions[:, 2] = 0.3 - 0.01 * np.clip(np.arange(100) - 40, 0, 30)
+    positions[:, 0] = 0.01 * np.clip(np.arange(100) - 40, 0, 30)
+    gripper = np.where((np.arange(100) >= 30) & (np.arange(100) < 90), CLOSED, OPEN)
+    assert manipulation_segment(positions, _still(100), gripper).onset == 40

@@ -326,3 +326,22 @@ def test_a_folder_of_parts_with_other_files_is_left_alone(tmp_path):
     with pytest.raises(OutputError, match=r"set.hdf5.parts holds notes.txt"):
         DatasetWriter(tmp_path / "set.hdf5", ENV_ARGS)
     assert (folder / "notes.txt").read_text() == "precious"
+
+
+def test_what_others_keep_in_a_folder_of_parts_stays(tmp_path):
+    target, parts = tmp_path / "out.hdf5", tmp_path / "out.hdf5.parts"
+    parts.mkdir()
+    (parts / "mine.hdf5").write_bytes(b"mine")
+    with pytest.raises(OutputError, match=r"holds mine\.hdf5"):
+        DatasetWriter(target, {"env_name": "Lift"})
+    assert (parts / "mine.hdf5").read_bytes() == b"mine"
+
+
+def test_attributes_of_any_type_are_kept(tmp_path):
+    attrs = {"num_demos": np.int64(3), "sizes": np.array([1.0, 2.0]), "share": np.float32(0.5)}
+    with DatasetWriter(tmp_path / "out.hdf5", {"env_name": "Lift"}, data_attrs=attrs) as writer:
+        writer.add("demo_0", {"actions": np.zeros((3, 7))})
+        writer.finish()
+    with h5py.File(tmp_path / "out.hdf5") as file:
+        assert file["data"].attrs["num_demos"] == 3
+        assert file["data"].attrs["sizes"].tolist() == [1.0, 2.0]
