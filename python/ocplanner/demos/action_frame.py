@@ -129,8 +129,7 @@ def are_absolute(actions: np.ndarray, positions: np.ndarray) -> bool:
 
 
 def _osc_pose(demos: Demonstrations) -> Mapping[str, Any]:
-    kwargs = demos.env_args.get("env_kwargs")
-    found = list(controllers((kwargs if isinstance(kwargs, dict) else {}).get("controller_configs")))
+    found = list(controllers(demos.env_kwargs.get("controller_configs")))
     arms = [controller for controller in found if controller["type"] == "OSC_POSE"]
     if len(demos.robots) != 1 or len(arms) != 1:
         types = ", ".join(sorted({str(controller["type"]) for controller in found})) or "nothing"

@@ -22,8 +22,7 @@ def control_frequency(demos: Demonstrations, name: str) -> float:
     Raises:
         MismatchError: they do not agree, or env_args hold no frequency that can be.
     """
-    kwargs = demos.env_args.get("env_kwargs")
-    said = kwargs.get("control_freq") if isinstance(kwargs, dict) else None
+    said = demos.env_kwargs.get("control_freq")
     if said is not None and (isinstance(said, bool) or not isinstance(said, int | float) or not said > 0):
         raise MismatchError(f"{demos.path}: control_freq in env_args is {said!r}, expected a number of Hz; correct it")
     measured = _measured(demos, name)

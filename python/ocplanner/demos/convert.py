@@ -91,9 +91,11 @@ class Converter:
         arrays = {path: array for path, array in stored.items() if _fits(array, demo.length)}
         self.left_out |= stored.keys() - arrays.keys()
         arrays |= self._numbers(demo)
+        mapped = self._demos.reading.names
         for key in _observed(demo):
-            arrays[f"obs/{key}"] = demo.observation(key)
-        for key in demo.next_observation_keys:
+            if key in mapped or f"obs/{key}" not in arrays:
+                arrays[f"obs/{key}"] = demo.observation(key)
+        for key in mapped.keys() & {*demo.next_observation_keys}:
             arrays[f"next_obs/{key}"] = demo.next_observation(key)
         if "object" in demo.observation_keys and "obs/object" not in stored:
             arrays["obs/object"] = self._in_declared_order(demo, arrays["obs/object"])

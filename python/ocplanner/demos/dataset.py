@@ -81,9 +81,9 @@ class Demonstrations(Sequence[Demonstration]):
 
     def _check_keys(self) -> None:
         """Raise if a name that the user gave is nowhere in the file."""
-        stored = (
-            {key for name in self.names for key in self._file.names(f"data/{name}/obs")} if self.reading.keys else ()
-        )
+        if self.reading.keys is None:
+            return
+        stored = {key for name in self.names for key in self._file.names(f"data/{name}/obs")}
         for ours, theirs in self.reading.names.items():
             if theirs not in stored:
                 known = ", ".join(sorted(stored)) or "none"
@@ -197,7 +197,7 @@ class Demonstrations(Sequence[Demonstration]):
     @property
     def robots(self) -> tuple[str, ...]:
         """The recorded robots, such as ``("Panda",)``; empty if the file does not say."""
-        robots = self._env_kwargs().get("robots") or ()
+        robots = self.env_kwargs.get("robots") or ()
         if not isinstance(robots, str | list | tuple):
             raise self._file.error("env_args of data", f"robots is {robots!r}, expected names", "correct env_args")
         return (robots,) if isinstance(robots, str) else tuple(str(robot) for robot in robots)
@@ -237,7 +237,9 @@ class Demonstrations(Sequence[Demonstration]):
         except (TypeError, ValueError) as error:
             raise self._file.error(f"{attribute} of data", f"cannot be read ({error})", remedy) from error
 
-    def _env_kwargs(self) -> dict[str, Any]:
+    @property
+    def env_kwargs(self) -> dict[str, Any]:
+        """``env_kwargs`` of ``env_args``; empty if the file has none."""
         kwargs = self.env_args.get("env_kwargs")
         return kwargs if isinstance(kwargs, dict) else {}
 
@@ -246,13 +248,13 @@ class Demonstrations(Sequence[Demonstration]):
         """Types of the recorded controllers, such as ``OSC_POSE (delta)``; empty if the file does not say."""
         return [
             f"{part['type']} ({'absolute' if is_absolute(part) else 'delta'})"
-            for part in controllers(self._env_kwargs().get("controller_configs"))
+            for part in controllers(self.env_kwargs.get("controller_configs"))
         ]
 
     @property
     def grippers(self) -> object:
         """``gripper_types`` of the recording as stored; None if it does not say."""
-        return self._env_kwargs().get("gripper_types")
+        return self.env_kwargs.get("gripper_types")
 
     def compare_world(self, demo: Demonstration) -> None:
         """Compare the world that a demonstration was recorded in with the simulated one, if there is one to simulate.
@@ -277,11 +279,11 @@ class Demonstrations(Sequence[Demonstration]):
 
     def _clips(self) -> bool:
         """Whether a controller clipped the actions to [-1, 1]: robosuite's for deltas do."""
-        found = list(controllers(self._env_kwargs().get("controller_configs")))
+        found = list(controllers(self.env_kwargs.get("controller_configs")))
         return bool(found) and all(str(part["type"]).startswith("OSC") and not is_absolute(part) for part in found)
 
     def _action_width(self) -> int | None:
         """7 for each arm under OSC_POSE; None if the controller is another one or the file does not say."""
-        controllers = json.dumps(self._env_kwargs().get("controller_configs"))
+        described = json.dumps(self.env_kwargs.get("controller_configs"))
         one_armed = not {*self.robots} & {"Baxter", "Tiago", "GR1", "SpotWithArm"}
-        return 7 * len(self.robots) if self.robots and one_armed and '"OSC_POSE"' in controllers else None
+        return 7 * len(self.robots) if self.robots and one_armed and '"OSC_POSE"' in described else None

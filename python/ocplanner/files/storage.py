@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ocplanner.errors import OutputError
+from ocplanner.files.hdf5 import HDF5_MAGIC
 
 _PIECE = 1 << 20
 """Bytes read at a time."""
@@ -114,7 +115,7 @@ def _is(kind: OutputKind, path: Path) -> bool:
     if not start:
         return True
     if kind == "HDF5 data set":
-        return start.startswith(b"\x89HDF\r\n\x1a\n")
+        return start.startswith(HDF5_MAGIC)
     if kind == "HTML page":
         return start.lstrip().lower().startswith((b"<!doctype html", b"<html"))
     if kind == "picture":
